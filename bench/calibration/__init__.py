@@ -1,1 +1,4 @@
-"""Calibration, measured against the truth and against peers: poses, boards; `light`: sensors, colour."""
+"""Calibration, measured against the truth and against peers: poses, boards.
+
+`light`: sensors, colour; `at_size`: many views; `lookalikes`: scenes whose parts look alike.
+"""

@@ -1,1 +1,1 @@
-"""Capture, measured: bad days, killed processes, planners, disks, merging."""
+"""Capture, measured: bad days, planners, disks, merging; `interrupted`: killed processes."""

@@ -23,7 +23,7 @@ from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, no
 from bench.support.record import arguments, deliver, machine, words
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.goals import BracketGoals
-from capture.bracket.metering import meter
+from capture.bracket.metering.meter import meter
 from capture.bracket.planner import SLACK, BracketPlan, plan_bracket
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera

@@ -35,7 +35,7 @@ from recon.data.dataset import Dataset, View
 from recon.data.light import Light, light_of, radiance_image
 from recon.methods.method import Method
 from recon.observe.linear import LIGHT_MU, LinearLight
-from recon.observe.losses import Photometric
+from recon.observe.losses.photometric import Photometric
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics, Rate
 
 CAP = 20_000

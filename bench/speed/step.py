@@ -18,7 +18,7 @@ from unittest.mock import patch
 
 import torch
 
-import recon.observe.losses
+import recon.observe.losses.photometric
 import recon.scene.gaussians
 import recon.splat.cpu.rasterizer
 from bench.support.record import WORK, arguments, deliver, machine, words
@@ -41,7 +41,7 @@ PARTS = {
     "rasterise, backward": (recon.splat.cpu.rasterizer._Tables, "gradients"),
     "colours, forward": (type(LuminanceChromaticity()), "colours"),
     "observation, forward": (LinearLight, "compare"),
-    "L1 and SSIM with gradient": (recon.observe.losses, "photometric_loss"),
+    "L1 and SSIM with gradient": (recon.observe.losses.photometric, "photometric_loss"),
     "Adam": (Adam, "step"),
     "backward, all": (torch.Tensor, "backward"),
 }

@@ -13,7 +13,7 @@ from imaging.session.view_id import ViewId
 ALL_PAIRS = 60
 """Views up to which every pair is matched."""
 ALIKE = 10
-"""Most alike views that each of more views is matched with (`bench/calibration/alike.py`)."""
+"""Most alike views that each of more views is matched with (`bench/calibration/at_size/alike.py`)."""
 NEIGHBOURS = 5
 """Frames before and after that the same camera is matched with."""
 WORDS = 64

@@ -1,6 +1,6 @@
 """Views matched and placed for the first time, without what contradicts itself."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -138,66 +138,32 @@ class _Placing:
 
     def placed(self, names: frozenset[str]) -> tuple[ResolvedModel, frozenset[str], frozenset[str]]:
         """Model of most views of these cameras, those with lenses from the files, and those apart."""
-        inputs, database, models, max_error = self.inputs, self.database, self.models, self.max_error
-        held: frozenset[str] = frozenset()
+        inputs = self.inputs
         pairs, views = self._of(names)
-
-        def mapped() -> Any | None:
-            fixed = camera_numbers(models, {*inputs.known.lenses, *held})
-            images = [view.image_name for view in views]
-            return self.steps.grown(
-                lambda growth: map_views(
-                    database, images, max_error, fixed, inputs.threads, inputs.progress, growth, bool(held)
-                )
-            )
-
-        def placed(model: Any | None) -> int:
-            return 0 if model is None else int(model.num_reg_images())
-
-        reconstruction = mapped()
+        first = self._mapped(views)
         apart: frozenset[str] = frozenset()
-        if reconstruction is not None:
-            apart = cameras_apart(inputs.rigs, pairs, views_of(reconstruction))
+        if first is not None:
+            apart = cameras_apart(inputs.rigs, pairs, views_of(first))
         # Cameras that no match joins are placed by themselves later, and joined by their rig.
         if apart:
             names -= apart
             pairs, views = self._of(names)
-        matched = {view for pair in pairs for view in pair}
-        known = frozenset(inputs.focal_known)
-        # A walk ahead has no views side by side: it may begin without, as far as the files give the lens.
-        rungs: tuple[Rung, ...] = ()
-        if placed(reconstruction) < PLACED * len(matched) and known.issuperset(names):
-            held = known & names
-            another = mapped()
-            if placed(another) > max(placed(reconstruction), PLACED * len(matched)):
-                reason = _AHEAD.format(placed(reconstruction), len(matched))
-                rungs = (Rung(name="walk_ahead", taken=True, reason=reason),)
-                reconstruction = another
-            else:
-                held = frozenset()
-        # Views that match may still have no place: the other mapper is believed where both agree on turns.
-        rival, hanging = None, set[ViewId]()
-        if placed(reconstruction) < MOST * len(matched):
-            images = [view.image_name for view in views] if len(views) < len(inputs.features) else []
-            inputs.progress("placing views at once", 0, 1)
-            fixed = camera_numbers(models, {*inputs.known.lenses, *held})
-            rival = self.steps.model(lambda: map_at_once(database, fixed, images))
-            share = agreement(reconstruction, rival)
-            if share is not None and share >= AGREED:
-                rival, hanging = self._joined(rival, reconstruction)
-            if share is not None and share >= AGREED and placed(rival) > placed(reconstruction):
-                reason = _AT_ONCE.format(placed(reconstruction), len(matched), placed(rival))
-                rungs = (*rungs, Rung(name="at_once", taken=True, reason=reason))
-                reconstruction = rival
-            else:
-                hanging = set()
-        if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
+        matched = len({view for pair in pairs for view in pair})
+        grown, held, ahead = self._walked_ahead(first, names, views, matched)
+        model, rival, hanging, at_once = self._at_once(grown, held, views, matched)
+        if model is None or model.num_points3D() < FEWEST_MATCHES:
             raise CalibrationError(NO_START.format(len(pairs)))
         # Only now is what contradicts itself left out: any mapper places look-alikes somewhere.
         settled = resolve_contradictions(
-            reconstruction,
+            model,
             Matches(
-                database, pairs, inputs.brightness, max_error, mapped, inputs.exact, inputs.steady_or_exact
+                self.database,
+                pairs,
+                inputs.brightness,
+                self.max_error,
+                lambda: self._mapped(views, held),
+                inputs.exact,
+                inputs.steady_or_exact,
             ),
             keep_doubtful=inputs.keep_doubtful,
         )
@@ -205,7 +171,64 @@ class _Placing:
             settled = self._without_twins(settled, pairs)
             self._require_confirmed(settled, rival)
         hanging &= views_of(settled.reconstruction)
-        return replace(settled, rungs=(*rungs, *settled.rungs), hanging=frozenset(hanging)), held, apart
+        rungs = (*ahead, *at_once, *settled.rungs)
+        return replace(settled, rungs=rungs, hanging=frozenset(hanging)), held, apart
+
+    def _mapped(self, views: Sequence[ViewId], held: frozenset[str] = frozenset()) -> Any | None:
+        """Model of these views one after another; held: cameras whose lenses stay as the files state."""
+        inputs = self.inputs
+        fixed = camera_numbers(self.models, {*inputs.known.lenses, *held})
+        images = [view.image_name for view in views]
+        return self.steps.grown(
+            lambda growth: map_views(
+                self.database,
+                images,
+                self.max_error,
+                fixed,
+                inputs.threads,
+                inputs.progress,
+                growth,
+                bool(held),
+            )
+        )
+
+    def _walked_ahead(
+        self, first: Any | None, names: frozenset[str], views: Sequence[ViewId], matched: int
+    ) -> tuple[Any | None, frozenset[str], tuple[Rung, ...]]:
+        """The first model, or one begun by going ahead where that places more; and cameras that it held.
+
+        A walk ahead has no views side by side: it may begin without, as far as the files give the lens.
+        """
+        count = _placed(first)
+        if count >= PLACED * matched or not names.issubset(self.inputs.focal_known):
+            return first, frozenset(), ()
+        another = self._mapped(views, names)
+        if _placed(another) <= max(count, PLACED * matched):
+            return first, frozenset(), ()
+        return another, names, (Rung(name="walk_ahead", taken=True, reason=_AHEAD.format(count, matched)),)
+
+    def _at_once(
+        self, first: Any | None, held: frozenset[str], views: Sequence[ViewId], matched: int
+    ) -> tuple[Any | None, Any | None, set[ViewId], tuple[Rung, ...]]:
+        """The first model, or the rival where it places more; the rival; and its views that one pair holds.
+
+        Views that match may still have no place: the other mapper is believed where both agree on turns.
+        """
+        count = _placed(first)
+        if count >= MOST * matched:
+            return first, None, set(), ()
+        images = [view.image_name for view in views] if len(views) < len(self.inputs.features) else []
+        self.inputs.progress("placing views at once", 0, 1)
+        fixed = camera_numbers(self.models, {*self.inputs.known.lenses, *held})
+        rival = self.steps.model(lambda: map_at_once(self.database, fixed, images))
+        share = agreement(first, rival)
+        if share is None or share < AGREED:
+            return first, rival, set(), ()
+        rival, hanging = self._joined(rival, first)
+        if _placed(rival) <= count:
+            return first, rival, set(), ()
+        reason = _AT_ONCE.format(count, matched, _placed(rival))
+        return rival, rival, hanging, (Rung(name="at_once", taken=True, reason=reason),)
 
     def _joined(self, rival: Any, first: Any) -> tuple[Any, set[ViewId]]:
         """The rival without many views that only one pair, and few points, join to those of the first model,
@@ -267,6 +290,10 @@ class _Placing:
             if one.camera in names and other.camera in names
         }
         return pairs, [view for view in self.inputs.features if view.camera in names]
+
+
+def _placed(model: Any | None) -> int:
+    return 0 if model is None else int(model.num_reg_images())
 
 
 def views_of(model: Any) -> set[ViewId]:

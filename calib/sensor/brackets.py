@@ -80,17 +80,10 @@ def compare(
     off = black[:, None, None]
     long, short = (sites(frame, tile).astype(np.float64) - off for frame in (longer, shorter))
     span = white - float(black.mean())
-    cross = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), bool)[None]
-    around = ndimage.convolve(long, cross / 4.0, mode="mirror")
-    peak = ndimage.maximum_filter(long, footprint=cross, mode="mirror")
     visible = np.ones(long.shape, bool)
     if counts is not None:
         visible = ndimage.binary_erosion(sites(counts, tile), np.ones((1, 3, 3), bool), border_value=1)
-    top = min(float(long.max(initial=0.0, where=visible)), span)
-    bin_of = np.searchsorted(EDGES * span, around)
-    # A photosite brighter than those around it may be full where they are not: in fine texture many are.
-    bin_of[(np.maximum(peak, long) > 0.93 * top) | (bin_of == len(EDGES)) | ~visible] = -1
-    key = np.where(bin_of < 0, -1, np.arange(len(black))[:, None, None] * len(EDGES) + bin_of)
+    key = _binned(long, visible, span)
     chosen = key >= 0
     groups, size = key[chosen], len(black) * len(EDGES)
     x, y = long[chosen], short[chosen]
@@ -137,6 +130,18 @@ def compare(
     full = ceiling(long.reshape(len(black), -1), predicted.reshape(len(black), -1), black)
     levels = (mean_x[clear], mean_y[clear], variance[clear], inliers[clear].astype(np.float64))
     return ExposurePair(ratio, shift, sigma, site, *levels, full)
+
+
+def _binned(long: Array, visible: Mask, span: float) -> Integers:
+    """Number of the bin of each photosite [sites, H, W], by the level of its neighbours; -1: in none."""
+    cross = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), bool)[None]
+    around = ndimage.convolve(long, cross / 4.0, mode="mirror")
+    peak = ndimage.maximum_filter(long, footprint=cross, mode="mirror")
+    top = min(float(long.max(initial=0.0, where=visible)), span)
+    bin_of = np.searchsorted(EDGES * span, around)
+    # A photosite brighter than those around it may be full where they are not: in fine texture many are.
+    bin_of[(np.maximum(peak, long) > 0.93 * top) | (bin_of == len(EDGES)) | ~visible] = -1
+    return np.where(bin_of < 0, -1, np.arange(len(long))[:, None, None] * len(EDGES) + bin_of)
 
 
 def _scatter(residual: Array, groups: Integers, size: int) -> tuple[Array, Array]:

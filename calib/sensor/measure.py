@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.views import View, of_one_band
-from calib.sensor import brackets, emva
+from calib.sensor import brackets
 from calib.sensor.brackets import Blind
-from calib.sensor.emva import Frames, Nominal
-from calib.sensor.flats import FlatFalloff
+from calib.sensor.emva1288 import emva
+from calib.sensor.emva1288.emva import Frames, Nominal
+from calib.sensor.emva1288.flats import FlatFalloff
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import Stack, gather, sites
 from imaging.errors import InputError

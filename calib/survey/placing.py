@@ -124,21 +124,18 @@ def place_by_survey(
     table = _table(
         survey, marks, sightings, points, fits, misses, Views(located.reconstruction), shrunk, offset
     )
-    hint = _exchanged(points, fits, noise, stated) if not fits.all() else ""
-    out = [name for name, good in zip(points.names, fits, strict=True) if not good]
     rms = float(np.sqrt((misses[fits] ** 2).sum(1).mean()))
-    count = int(fits.sum())
-    reason = f"{count} surveyed points give scale, rotation and place; they miss by {length_text(rms)} (rms)"
-    if out:
-        reason += (
-            f"; {', '.join(out)} {'does' if len(out) == 1 else 'do'} not fit and {_is(out)} left out{hint}"
-        )
+    reason = (
+        f"{fits.sum()} surveyed points give scale, rotation and place; they miss by {length_text(rms)} (rms)"
+    )
+    if not fits.all():
+        reason += f"; {_misfits(points, fits)}{_exchanged(points, fits, noise, stated)}"
     if over:
         reason += f"; {over}"
     coordinates = CoordinateSystem(
         source="survey", system=survey.system, offset=survey.offset, origin=survey.origin, rms=rms,
         scale_error=scale, rotation_error=turn, position_error=place, used=int(fits.sum()),
-        left_out=len(out), points=table,
+        left_out=int((~fits).sum()), points=table,
     )  # fmt: skip
     rung = Rung(name=NAME, taken=True, reason=reason)
     return replace(located, rungs=(*located.rungs, rung)), coordinates
@@ -208,6 +205,11 @@ def _no_fit(points: _Points, similarity: Similarity, fits: Mask, noise: Array, s
     return f"the surveyed points do not fit the scene{agree} ({worst} off)" + (
         hint or ": look for exchanged names or axes, a coordinate in another unit, and wrong marks"
     )
+
+
+def _misfits(points: _Points, fits: Mask) -> str:
+    out = [name for name, good in zip(points.names, fits, strict=True) if not good]
+    return f"{', '.join(out)} {'does' if len(out) == 1 else 'do'} not fit and {_is(out)} left out"
 
 
 def _exchanged(points: _Points, fits: Mask, noise: Array, stated: bool) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from capture.bracket.code_noise import ASSUMED, CodeNoise
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
 from capture.bracket.goals import BracketGoals
-from capture.bracket.metering import Metering, meter
+from capture.bracket.metering.meter import Metering, meter
 from capture.bracket.planner import BracketPlan, Target, plan_bracket
 from drivers.camera import Camera
 from imaging.optics.exposure import Exposure

@@ -6,12 +6,12 @@ from functools import partial
 from itertools import pairwise
 
 from capture.bracket.acceptance import RETRIES, Acceptance
-from capture.record.camera_worker import CameraGivenUp
 from capture.record.capture_result import CaptureResult
-from capture.record.capture_threads import CaptureThreads
 from capture.record.departures import Departures, FirstOrder, after
-from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
 from capture.record.shot_files import ShotId, drop_aside, put_back, set_aside
+from capture.record.threads.camera_worker import CameraGivenUp
+from capture.record.threads.capture_threads import CaptureThreads
+from capture.record.threads.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
 from drivers.clock import Clock
 from drivers.errors import CameraLost
 from imaging.errors import RigError, StorageError

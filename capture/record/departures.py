@@ -6,8 +6,8 @@ from typing import Self
 
 from capture.bracket.deviation import deviates, stops_apart
 from capture.record.capture_result import span
-from capture.record.exposure_step import ExposureStep, SavedShot
 from capture.record.shot_files import ShotId
+from capture.record.threads.exposure_step import ExposureStep, SavedShot
 from imaging.session.records import PlanRecord, ShotRecord
 
 

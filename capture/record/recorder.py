@@ -13,9 +13,9 @@ from pathlib import Path
 
 from capture.record.capture_result import CaptureResult
 from capture.record.capture_run import CaptureRun
-from capture.record.capture_threads import CaptureThreads
-from capture.record.memory_budget import MemoryBudget
 from capture.record.shot_files import must_decode, save_frame
+from capture.record.threads.capture_threads import CaptureThreads
+from capture.record.threads.memory_budget import MemoryBudget
 from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
 from imaging.choices import Compression

@@ -16,7 +16,7 @@ from capture.bracket.fixed_exposures import (
     single_exposures,
 )
 from capture.bracket.goals import BracketGoals
-from capture.bracket.metering import Metering
+from capture.bracket.metering.meter import Metering
 from capture.record.source import Source
 from capture.request import CaptureRequest, Stops
 from imaging.choices import Subject

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from capture.bracket.automatic import Automatic, meter_rig
-from capture.bracket.metering import Metering
+from capture.bracket.metering.meter import Metering
 from capture.bracket.planner import BracketPlan
 from capture.record.capture_result import CaptureResult
 from capture.record.capture_run import finished, planned_shots

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from capture.bracket.single_exposure import CapturedFrame
-from capture.record.exposure_step import ExposureStep, SavedShot
+from capture.record.threads.exposure_step import ExposureStep, SavedShot
 from drivers.errors import CameraProtocol
 from imaging.choices import Compression
 from imaging.errors import InputError

@@ -24,7 +24,7 @@ from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
 from recon.exports.splats import display_splats, linear_splats
 from recon.exports.target_coordinates import Place
-from recon.rendering.camera_files import OFFSET
+from recon.rendering.cameras.camera_files import OFFSET
 from recon.result.display import in_colour, picture
 from recon.result.model import MODEL, SceneView
 from recon.result.scene import Scene

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from recon.observe.linear import Observation
-from recon.observe.losses import Photometric
+from recon.observe.losses.photometric import Photometric
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import GeometryRates
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from recon.data.dataset import View
 from recon.observe.glare import scattered
 from recon.observe.linear import SIGNAL_MU, Observation
-from recon.observe.losses import exposed_mu_law, mu_law
+from recon.observe.losses.photometric import exposed_mu_law, mu_law
 from recon.observe.targets import Targets
 
 

@@ -18,7 +18,7 @@ from imaging.sensor.cfa import Cfa
 from recon.data.dataset import View
 from recon.observe.glare import scattered
 from recon.observe.kernels.linear_kernel import Sites, recorded
-from recon.observe.losses import exposed_mu_law, mu_law
+from recon.observe.losses.photometric import exposed_mu_law, mu_law
 from recon.observe.targets import Targets
 from recon.scene.appearance import Rate
 

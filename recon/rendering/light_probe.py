@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array, Array32
-from recon.rendering.camera_paths import level_axes
+from recon.rendering.cameras.camera_paths import level_axes
 from recon.result.scene import Scene
 from recon.scene.environment import texels
 from recon.splat import SplatCamera

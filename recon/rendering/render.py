@@ -15,8 +15,8 @@ from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from imaging.session.paths import find_reconstruction
-from recon.rendering.camera_files import read_camera_path
-from recon.rendering.camera_paths import CameraPath, named_path
+from recon.rendering.cameras.camera_files import read_camera_path
+from recon.rendering.cameras.camera_paths import CameraPath, named_path
 from recon.rendering.earlier_frames import earlier_frames
 from recon.rendering.frame_files import Films, Frame, Pictures
 from recon.rendering.light_files import header_of, stem, write_light

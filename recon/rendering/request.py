@@ -12,7 +12,7 @@ from imaging.request import Request
 from recon.result.layer_names import Layer
 
 if TYPE_CHECKING:
-    from recon.rendering.camera_paths import CameraPath
+    from recon.rendering.cameras.camera_paths import CameraPath
 
 
 FRAMES = 120

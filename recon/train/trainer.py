@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from recon.data.dataset import Dataset, View
-from recon.observe.depth_loss import MeasuredDepth
+from recon.observe.losses.depth import MeasuredDepth
 from recon.observe.refinement import RATES
 from recon.observe.targets import Targets
 from recon.scene.environment import NAME as ENVIRONMENT

@@ -7,7 +7,8 @@ images as `CAMERA/FILE`; the cameras of a rig name their files of a moment alike
 from pathlib import Path
 
 from calib.calibrate import calibrate
-from capture.imports.layouts.colmap import pose_of_image, read_model
+from capture.imports.layouts.colmap import pose_of_image
+from capture.imports.layouts.colmap_files import read_model
 from capture.imports.photos import import_photos
 from capture.imports.request import ImportRequest
 from imaging.errors import CalibrationError, InputError

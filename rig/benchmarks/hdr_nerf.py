@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from capture.imports.layouts import hdr_nerf
+from capture.imports.layouts.datasets import hdr_nerf
 from imaging.progress import Progress
 from recon.measure.evaluate import evaluate
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, curved, imported, trained

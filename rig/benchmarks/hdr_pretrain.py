@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from capture.imports.layouts import hdr_pretrain as layout
+from capture.imports.layouts.datasets import hdr_pretrain as layout
 from imaging.progress import Progress
 from recon.measure.evaluate import evaluate
 from recon.measure.protocols import hdr_pretrain

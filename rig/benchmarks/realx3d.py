@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from capture.imports.layouts import realx3d as layout
+from capture.imports.layouts.datasets import realx3d as layout
 from imaging.progress import Progress
 from recon.measure.protocols import realx3d
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained

@@ -16,7 +16,7 @@ from imaging.merge import bracket, ratios
 from imaging.sensor.noise import SensorNoise
 from recon.observe import calibrated_curves, linear, photographs, tone_grid
 from recon.observe.glare import RADIUS
-from recon.observe.losses import Photometric, mu_law
+from recon.observe.losses.photometric import Photometric, mu_law
 from recon.observe.photographs import ToneCurve
 from recon.scene.appearance import ANCHOR, LuminanceChromaticity
 from recon.scene.gaussians import TAU

@@ -20,7 +20,8 @@ from torch.utils._pytree import tree_leaves, tree_map
 
 import recon
 import recon.splat as splat
-from recon.observe import dense_ssim, glare
+from recon.observe import glare
+from recon.observe.losses import dense_ssim
 from recon.scene import environment
 
 if not torch.cuda.is_available():

@@ -53,7 +53,11 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_wheel_holds_every_package_and_its_data(installed: Path) -> None:
     for package in (*PACKAGES, "drivers/sim", "recon/methods", "recon/splat", "rig/commands", "rig/report"):
         assert (installed / package / "__init__.py").is_file(), package
-    for folder in (Path("rig", "report", "templates"), Path("recon", "exports", "formats", "viewer")):
+    for folder in (
+        Path("rig", "report", "templates"),
+        Path("recon", "exports", "templates"),
+        Path("recon", "exports", "formats", "viewer"),
+    ):
         names = {path.name for path in (REPOSITORY / folder).iterdir()}
         assert {path.name for path in (installed / folder).iterdir()} == names
     assert (installed / "recon" / "decide" / "cost" / "scene_curves.json").is_file()

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from bench.support.record import WORK, arguments, deliver, machine, words
-from calib.sensor import brackets, emva
+from calib.sensor import brackets
+from calib.sensor.emva1288 import emva
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import gather
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor

@@ -21,9 +21,9 @@ from unittest.mock import patch
 
 from PIL import Image
 
-from bench.calibration.foreign_poses import judged
-from bench.calibration.foreign_scenes import DEVELOPED, SCENES
-from bench.calibration.placed import FURTHER, PlacedViews, place
+from bench.calibration.lookalikes.foreign_poses import judged
+from bench.calibration.lookalikes.foreign_scenes import DEVELOPED, SCENES
+from bench.calibration.lookalikes.placed import FURTHER, PlacedViews, place
 from bench.real.made_sets import METAL, metal_and_glass
 from bench.real.poses.judges import WRONG, away_of, photographs, published_centres, stated_focal
 from bench.support.record import WORK, arguments, deliver, machine, words

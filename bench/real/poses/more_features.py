@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from bench.calibration.placed import place
+from bench.calibration.lookalikes.placed import place
 from bench.real.poses.judges import photographs
 from bench.real.poses.untouched import PHOTOGRAPHS
 from bench.support.record import WORK, arguments, deliver, machine, words

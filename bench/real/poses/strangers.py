@@ -24,8 +24,8 @@ from unittest.mock import patch
 import numpy as np
 from PIL import Image
 
-from bench.calibration.placed import PlacedViews
-from bench.calibration.placed import place as placement
+from bench.calibration.lookalikes.placed import PlacedViews
+from bench.calibration.lookalikes.placed import place as placement
 from bench.real.poses.judges import photographs
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache

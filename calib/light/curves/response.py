@@ -128,17 +128,7 @@ def estimate(samples: Samples | None) -> Estimate:
     known = ladder[0][0]
     stops = float(np.median(np.diff(channels[0].steps))) / np.log(2.0)
     hardly = HARDLY * max(stops - 1.0, 0.0)
-    best, rival, rungs = known, known, []
-    for trials in ladder[1:]:
-        keenest = min(trials, key=lambda trial: trial.mean)
-        near = [trial for trial in trials if not _clearly_worse(trial, keenest, hardly)]
-        trial = next((trial for trial in near if trial.rises), near[0])
-        rung = _judge(rival, trial, hardly)
-        if rung.taken and not all(model.rises() for model in fit(channels, trial.shape, noise)):
-            rung = rung.model_copy(update={"taken": False, "reason": f"a {trial.shape.name} does not rise"})
-        rungs.append(rung)
-        if rung.taken:
-            best, rival = trial, keenest
+    best, rival, rungs = _climbed(ladder, channels, noise, hardly)
     held = held_out(channels, noise, best.shape, labels_hold=True).without(odd)
     freed, rung = _exposures(held, best, len(channels[0].steps), samples.rough)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
@@ -148,9 +138,9 @@ def estimate(samples: Samples | None) -> Estimate:
     shift = dict(zip(channels[0].steps.tolist(), fitted[0].shift.tolist(), strict=True))
     if best is known:
         evidence = (
-            f"sRGB: held-out exposures agree with it to {100 * known.median:.1f} %, no curve betters that"
+            f"sRGB: held-out exposures agree with it to {100 * known.median:.1f} %, no curve betters "
+            f"that{contradiction}"
         )
-        evidence += contradiction
         return Estimate(Response(kind="srgb", evidence=evidence, residual=known.median), tuple(rungs), shift)
     response = _exported(channels, fitted, known, best)
     response = response.model_copy(update={"evidence": f"{response.evidence}{contradiction}"})
@@ -162,6 +152,25 @@ def estimate(samples: Samples | None) -> Estimate:
         for deviation, model, other in zip(sigma, fitted, others, strict=True)
     )
     return Estimate(response.model_copy(update={"sigma": sigmas}), tuple(rungs), shift)
+
+
+def _climbed(
+    ladder: Sequence[Sequence[Judged]], channels: Sequence[Channel], noise: Sequence[CodeNoise], hardly: float
+) -> tuple[Judged, Judged, list[Rung]]:
+    """The simplest shape that data do not refute, the keenest of its kind, and the rungs above the first."""
+    best = rival = ladder[0][0]
+    rungs = []
+    for trials in ladder[1:]:
+        keenest = min(trials, key=lambda trial: trial.mean)
+        near = [trial for trial in trials if not _clearly_worse(trial, keenest, hardly)]
+        trial = next((trial for trial in near if trial.rises), near[0])
+        rung = _judge(rival, trial, hardly)
+        if rung.taken and not all(model.rises() for model in fit(channels, trial.shape, noise)):
+            rung = rung.model_copy(update={"taken": False, "reason": f"a {trial.shape.name} does not rise"})
+        rungs.append(rung)
+        if rung.taken:
+            best, rival = trial, keenest
+    return best, rival, rungs
 
 
 def _clearly_worse(simple: Judged, freer: Judged, hardly: float) -> bool:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from capture.imports.copying import Place
-from capture.imports.layouts.colmap import MODELS, lens_of_camera, read_model
+from capture.imports.layouts.colmap import MODELS, lens_of_camera
+from capture.imports.layouts.colmap_files import read_model
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.layouts.named_files import file_named
 from capture.imports.originals import Original, shown
@@ -70,14 +71,9 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         for place in places
         if (place.plan, *place.shot_id) in shots
     ]
-    # Photographs of a bracket are one view; layouts that list each have a pose of each.
-    posed: dict[ViewId, GivenPhoto] = {}
-    for place, _ in taken:
-        photo = photo_of[place.original.path]
-        if photo.cam_from_world is not None:
-            posed.setdefault(place.shot_id.view, photo)
-    # The layout's own points are kept, where it has some; else the model has the poses alone.
+    posed = _posed(taken, photo_of)
     lenses = _lenses(taken, photo_of)
+    # The layout's own points are kept, where it has some; else the model has the poses alone.
     names = {place.original.path: shot.view.image_name for place, shot in taken if shot.view in posed}
     model = _with_points(given, names) or _model_of(posed, lenses, given)
     points_of = {image.name: image.num_points3D for image in model.images.values()}
@@ -105,12 +101,10 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
                 lens=lenses.get(camera.name),
                 cam_from_rig=_in_rig(camera, given, posed),
                 response=_response(camera),
-                noise=None if camera.name not in stated else stated[camera.name].noise,
-                camera_from_rec709=None
-                if camera.name not in stated
-                else stated[camera.name].camera_from_rec709,
+                noise=raw.noise if raw is not None else None,
+                camera_from_rec709=raw.camera_from_rec709 if raw is not None else None,
             )
-            for camera in session.record.cameras
+            for camera, raw in ((one, stated.get(one.name)) for one in session.record.cameras)
         ),
         views=views,
         unregistered=tuple(sorted(every - posed.keys())),
@@ -122,8 +116,13 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
             *([colour_rung([raw.camera_from_rec709 for raw in stated.values()])] if stated else []),
         ),
     )
-    # Model and record appear together: the record is what makes a session calibrated.
-    with store.replacing(session.folder / "calibration") as part:
+    _write(session.folder / "calibration", model, record)
+    return record
+
+
+def _write(folder: Path, model: Any, record: CalibrationRecord) -> None:
+    """Write model and record together: the record is what makes a session calibrated."""
+    with store.replacing(folder) as part:
         part.mkdir()
         (part / "colmap").mkdir()
         try:
@@ -131,7 +130,6 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         except RuntimeError as error:  # which is how pycolmap reports a full disk
             raise OSError(str(error)) from error
         store.write_json(part / "calibration.json", record.model_dump(mode="json"))
-    return record
 
 
 def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list[str]:
@@ -165,6 +163,18 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
     truth = {"schema_version": 1, "frames": [], "cameras": {}, "exposures": [], "response": None}
     store.write_json(session.folder / "truth" / "truth.json", truth)
     return [f"The true light of {len(views)} views is kept in truth/, for rig evaluate alone."]
+
+
+def _posed(
+    taken: Sequence[tuple[Place, ShotRecord]], photo_of: Mapping[Path, GivenPhoto]
+) -> dict[ViewId, GivenPhoto]:
+    """The first photograph with a pose of each view: of a bracket, a layout may list each with its own."""
+    posed: dict[ViewId, GivenPhoto] = {}
+    for place, _ in taken:
+        photo = photo_of[place.original.path]
+        if photo.cam_from_world is not None:
+            posed.setdefault(place.shot_id.view, photo)
+    return posed
 
 
 def _lenses(

@@ -7,16 +7,8 @@ describes photographs; reading and sorting them is the import's.
 from pathlib import Path
 from typing import get_args
 
-from capture.imports.layouts import (
-    colmap,
-    hdr_nerf,
-    hdr_pretrain,
-    llff,
-    nerfstudio,
-    openscan3,
-    rawnerf,
-    realx3d,
-)
+from capture.imports.layouts import colmap, llff, nerfstudio, openscan3
+from capture.imports.layouts.datasets import hdr_nerf, hdr_pretrain, rawnerf, realx3d
 from capture.imports.layouts.given import Given
 from capture.imports.layouts.split_lists import with_lists
 from capture.imports.request import LayoutName

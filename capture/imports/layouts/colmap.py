@@ -3,25 +3,21 @@
 from collections.abc import Iterable, Mapping
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from capture.imports.given.masks import masks_beside
-from capture.imports.layouts.colmap_files import check_whole, text_names
+from capture.imports.layouts.colmap_files import read_model
 from capture.imports.layouts.given import Given, GivenPhoto, lens_of, pose_of
 from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
-from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.originals import aside_notes, pictures_in, shown
 from capture.imports.sorting.derived import Derived, find_derived
 from capture.pictures.read import kind_of
 from imaging.and_list import and_list
 from imaging.arrays import Array
-from imaging.compute.memory import check
 from imaging.errors import InputError
-from imaging.files.colmap import pycolmap
 from imaging.natural_order import natural
 from imaging.optics.lens import Lens, LensModel
 from imaging.optics.pose import Pose
@@ -44,8 +40,6 @@ _DEEPEST = 3
 """Steps below the folder in which a model is looked for."""
 _SAMPLE = 200
 """Images of a model by which the folder of its photographs is known."""
-_PER_BYTE = 4
-"""Bytes of memory that pycolmap takes for each of a model's files."""
 
 
 def model_folder(folder: Path) -> Path | None:
@@ -119,20 +113,8 @@ def read(folder: Path) -> Given:
         raise InputError(f"{folder} has no sparse/0 with cameras.bin or cameras.txt: use --layout photos.")
     model = read_model(place)
     root = images_folder(folder, (image.name for _, image in sorted(model.images.items())))
-    notes, missing = [], []
     lenses = {key: lens_of_camera(camera, place) for key, camera in sorted(model.cameras.items())}
-    unfit = {model.cameras[key].model_name for key, lens in lenses.items() if lens is None}
-    if unfit:
-        notes.append(
-            f"Cameras of the model {and_list(sorted(unfit))} come without lens and poses, since no lens "
-            "of rig is like theirs: undistort the images first if the poses matter."
-        )
-    near = {c.model_name for c in model.cameras.values()} - MODELS.keys() - unfit
-    if near:
-        notes.append(
-            f"Lenses of the model {and_list(sorted(near))} become the nearest that rig has, which differ "
-            "by less than a pixel anywhere."
-        )
+    notes, missing = _lens_notes(model, lenses), []
     others = [path.name for path in sorted(place.parent.iterdir()) if path.is_dir() and path != place]
     if place.name == "0" and others:
         notes.append(f"Only sparse/0 is read; the photos of sparse/{', sparse/'.join(others)} have no poses.")
@@ -177,6 +159,24 @@ def read(folder: Path) -> Given:
     )
 
 
+def _lens_notes(model: Any, lenses: Mapping[int, Lens | None]) -> list[str]:
+    """Sentences on the cameras that come without a lens, and on those with the nearest."""
+    notes = []
+    unfit = {model.cameras[key].model_name for key, lens in lenses.items() if lens is None}
+    if unfit:
+        notes.append(
+            f"Cameras of the model {and_list(sorted(unfit))} come without lens and poses, since no lens "
+            "of rig is like theirs: undistort the images first if the poses matter."
+        )
+    near = {camera.model_name for camera in model.cameras.values()} - MODELS.keys() - unfit
+    if near:
+        notes.append(
+            f"Lenses of the model {and_list(sorted(near))} become the nearest that rig has, which differ "
+            "by less than a pixel anywhere."
+        )
+    return notes
+
+
 def _unnamed(
     folder: Path, pictures: Iterable[Path], photos: Iterable[Path], derived: Derived
 ) -> tuple[list[Path], list[str]]:
@@ -212,57 +212,6 @@ def _unnamed(
         count = "1 file is" if twins == 1 else f"{twins} files are"
         notes.append(f"{count} left aside beside photos of the same name, which have poses.")
     return rest, notes
-
-
-def read_model(place: Path) -> Any:
-    """The pycolmap reconstruction of a model folder; InputError if it is damaged."""
-    size = sum(path.stat().st_size for path in place.iterdir() if path.suffix in (".bin", ".txt"))
-    check(f"{place} is a COLMAP model of {size / 1e6:.0f} MB", _PER_BYTE * size)
-    check_whole(place)
-    names = text_names(place)
-    try:
-        model = _whole(place) if _has_points(place) else _without_points(place)
-        for number, image in model.images.items():
-            image.name = names.get(number, image.name)
-            image.name.encode()  # raises for a name that is no UTF-8
-    except Exception as error:  # of many types, one for each way in which a file may be wrong
-        raise InputError(f"{place} cannot be read as a COLMAP model: export it again.") from error
-    return model
-
-
-def _whole(place: Path) -> Any:
-    return pycolmap.Reconstruction(str(place))
-
-
-def _has_points(place: Path) -> bool:
-    return any((place / f"points3D.{kind}").is_file() for kind in ("bin", "txt"))
-
-
-def _without_points(place: Path) -> Any:
-    """A model whose points are left out, or lie in points3D.ply alone, as 3DGS has them."""
-    with TemporaryDirectory() as folder:
-        aside = Path(folder)
-        for name in ("cameras", "images", "rigs", "frames"):
-            for path in (place / f"{name}.bin", place / f"{name}.txt"):
-                if path.is_file():
-                    (aside / path.name).symlink_to(path.resolve())
-        if (place / "images.bin").is_file():
-            (aside / "points3D.bin").write_bytes(bytes(8))
-        else:
-            (aside / "points3D.txt").write_text("")
-            _drop_features(place / "images.txt", aside / "images.txt")
-        model = pycolmap.Reconstruction(str(aside))
-    if (place / "points3D.ply").is_file():
-        for point in read_ply_points(place / "points3D.ply"):
-            model.add_point3D(point, pycolmap.Track())
-    return model
-
-
-def _drop_features(source: Path, to: Path) -> None:
-    """Copy images.txt without the features, which name points that are not there."""
-    lines = [line for line in source.read_text().splitlines() if not line.startswith("#")]
-    to.unlink()
-    to.write_text("".join(f"{line}\n\n" for line in lines[::2]))
 
 
 def lens_of_camera(camera: Any, place: Path) -> Lens | None:

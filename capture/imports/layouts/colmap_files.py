@@ -1,4 +1,4 @@
-"""Integrity of the files of a COLMAP model, and what pycolmap does not read of them.
+"""Reading of the files of a COLMAP model: their integrity, and what pycolmap does not read of them.
 
 pycolmap reads a file that is cut off for ever, or invents what is missing; so the files are walked
 through first. Their layout: https://colmap.github.io/format.html.
@@ -7,13 +7,65 @@ through first. Their layout: https://colmap.github.io/format.html.
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from capture.imports.layouts.ply_points import read_ply_points
+from imaging.compute.memory import check
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
 
 _POSE = 7 * 8
 """Bytes of a quaternion and a translation."""
+_PER_BYTE = 4
+"""Bytes of memory that pycolmap takes for each of a model's files."""
+
+
+def read_model(place: Path) -> Any:
+    """The pycolmap reconstruction of a model folder; InputError if it is damaged."""
+    size = sum(path.stat().st_size for path in place.iterdir() if path.suffix in (".bin", ".txt"))
+    check(f"{place} is a COLMAP model of {size / 1e6:.0f} MB", _PER_BYTE * size)
+    _check_whole(place)
+    names = _text_names(place)
+    try:
+        model = pycolmap.Reconstruction(str(place)) if _has_points(place) else _without_points(place)
+        for number, image in model.images.items():
+            image.name = names.get(number, image.name)
+            image.name.encode()  # raises for a name that is no UTF-8
+    except Exception as error:  # of many types, one for each way in which a file may be wrong
+        raise InputError(f"{place} cannot be read as a COLMAP model: export it again.") from error
+    return model
+
+
+def _has_points(place: Path) -> bool:
+    return any((place / f"points3D.{kind}").is_file() for kind in ("bin", "txt"))
+
+
+def _without_points(place: Path) -> Any:
+    """A model whose points are left out, or lie in points3D.ply alone, as 3DGS has them."""
+    with TemporaryDirectory() as folder:
+        aside = Path(folder)
+        for name in ("cameras", "images", "rigs", "frames"):
+            for path in (place / f"{name}.bin", place / f"{name}.txt"):
+                if path.is_file():
+                    (aside / path.name).symlink_to(path.resolve())
+        if (place / "images.bin").is_file():
+            (aside / "points3D.bin").write_bytes(bytes(8))
+        else:
+            (aside / "points3D.txt").write_text("")
+            _drop_features(place / "images.txt", aside / "images.txt")
+        model = pycolmap.Reconstruction(str(aside))
+    if (place / "points3D.ply").is_file():
+        for point in read_ply_points(place / "points3D.ply"):
+            model.add_point3D(point, pycolmap.Track())
+    return model
+
+
+def _drop_features(source: Path, to: Path) -> None:
+    """Copy images.txt without the features, which name points that are not there."""
+    lines = [line for line in source.read_text().splitlines() if not line.startswith("#")]
+    to.unlink()
+    to.write_text("".join(f"{line}\n\n" for line in lines[::2]))
 
 
 class _Walk:
@@ -37,7 +89,7 @@ class _Walk:
             raise IndexError
 
 
-def check_whole(place: Path) -> None:
+def _check_whole(place: Path) -> None:
     """InputError that names the first binary file of a model that is cut off, or too long."""
     for name, record in _RECORDS.items():
         path = place / name
@@ -56,7 +108,7 @@ def check_whole(place: Path) -> None:
             raise InputError(f"{path} is damaged or cut off: copy it again.")
 
 
-def text_names(place: Path) -> dict[int, str]:
+def _text_names(place: Path) -> dict[int, str]:
     """Names of the images of images.txt by their number, of which pycolmap keeps the first word alone.
 
     Empty without the file, or where images.bin is read in its place. InputError for a rotation of zeros,

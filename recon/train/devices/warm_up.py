@@ -7,7 +7,7 @@ from imaging.compute.jit import cache_folder
 from imaging.progress import Progress
 from recon.observe.kernels.display_kernel import photographed
 from recon.observe.kernels.linear_kernel import Sites, recorded
-from recon.observe.ssim import photometric_loss
+from recon.observe.losses.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 from recon.splat.limits import CHANNELS_MOST
 from recon.train.devices.gpu_check import checked

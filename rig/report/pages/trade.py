@@ -13,7 +13,7 @@ from imaging.arguments import checked
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.decide.presets import START_SHARE
-from recon.observe.losses import Photometric
+from recon.observe.losses.photometric import Photometric
 from recon.trade import Point, Trade, front, read_trade
 from recon.trade.trade_record import FOLDER
 from rig.report.charts.topic import Figure, Table, Tile, plus_minus

@@ -18,7 +18,7 @@ from rig.report.charts.calibration_charts import charts
 from rig.report.charts.colour_chart import colour_topic
 from rig.report.charts.lens_charts import lens_topic
 from rig.report.charts.luminance_table import luminance_tables
-from rig.report.charts.pose_charts import pose_topic
+from rig.report.charts.poses.pose_charts import pose_topic
 from rig.report.charts.residuals import read_residuals
 from rig.report.charts.sensor_charts import sensor_topic
 from rig.report.charts.topic import Figure, Table, Topic

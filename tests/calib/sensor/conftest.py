@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from calib.sensor.emva import Frames, Nominal
+from calib.sensor.emva1288.emva import Frames, Nominal
 from calib.sensor.stack import Stack, gather
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 

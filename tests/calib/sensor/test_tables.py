@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calib.sensor import emva
-from calib.sensor.emva import Frames, Nominal
+from calib.sensor.emva1288 import emva
+from calib.sensor.emva1288.emva import Frames, Nominal
 from calib.sensor.stack import gather
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from imaging.sensor.cfa import Cfa, as_tile, mosaic

@@ -1,12 +1,11 @@
-"""A few seeds of bench/capture/kill.py, which runs two hundred; and proof that its judgement can fail."""
+"""A few seeds of bench.capture.interrupted.kill, which runs 200; and proof that its judgement can fail."""
 
 import json
 
 import numpy as np
 import pytest
 
-from bench.capture import kill
-from bench.capture import kill_trials as trials
+from bench.capture.interrupted import kill, trials
 from capture.simulated import capture_simulated
 
 

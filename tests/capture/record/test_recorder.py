@@ -7,9 +7,9 @@ import pytest
 
 from capture.bracket.acceptance import RETRIES
 from capture.record import recorder
-from capture.record.camera_worker import GIVE_UP_AFTER
 from capture.record.capture_run import CaptureRun
 from capture.record.recorder import record
+from capture.record.threads.camera_worker import GIVE_UP_AFTER
 from drivers.errors import CameraGone
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError, CaptureError, InputError, PartialError, StorageError

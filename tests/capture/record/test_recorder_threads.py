@@ -9,8 +9,8 @@ import pytest
 from capture.check.check import check
 from capture.record import recorder
 from capture.record.capture_result import span
-from capture.record.memory_budget import MemoryBudget
 from capture.record.recorder import record
+from capture.record.threads.memory_budget import MemoryBudget
 from drivers.clock import SystemClock
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError

@@ -22,7 +22,7 @@ from recon.exports.programs import PROGRAMS
 from recon.exports.request import ProgramName
 from recon.exports.splats import display_splats, exposure_factor, far_light_of, linear_splats, sound
 from recon.exports.stored import is_stored
-from recon.rendering.placement import placement_of
+from recon.rendering.cameras.placement import placement_of
 from recon.result.model import CHECKPOINT, DisplayValues
 from recon.result.scene import Scene, open_scene
 from recon.scene.appearance import PlainHarmonics

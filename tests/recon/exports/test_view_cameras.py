@@ -15,7 +15,7 @@ from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
 from imaging.optics.lens import project
 from recon.exports.export import export
-from recon.rendering.placement import placement_of
+from recon.rendering.cameras.placement import placement_of
 from recon.result.scene import Scene, open_scene
 
 

@@ -10,7 +10,7 @@ import torch
 from imaging.errors import InputError
 from recon.data.light import Light
 from recon.observe.linear import LIGHT_MU
-from recon.observe.losses import Photometric, mu_law
+from recon.observe.losses.photometric import Photometric, mu_law
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats, rasterize

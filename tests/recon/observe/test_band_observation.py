@@ -9,7 +9,7 @@ import torch
 from recon.data.shot import HeldPlanes, Shot
 from recon.observe.band_observation import BandedLight
 from recon.observe.linear import SIGNAL_MU
-from recon.observe.losses import mu_law
+from recon.observe.losses.photometric import mu_law
 
 RNG = np.random.default_rng(0)
 SIZE = (6, 8)

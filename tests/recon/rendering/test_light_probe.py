@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from recon.data.world import WorldTransform
-from recon.rendering.camera_paths import level_axes
+from recon.rendering.cameras.camera_paths import level_axes
 from recon.rendering.light_probe import LightProbe, light_probe
 from recon.scene.environment import Environment, texels
 from recon.scene.gaussians import Gaussians

@@ -20,7 +20,7 @@ from recon.data.geometry import rays
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
-from recon.rendering.camera_paths import named_path
+from recon.rendering.cameras.camera_paths import named_path
 from recon.rendering.render import render, render_probe
 from recon.rendering.video import Video
 from recon.result.data_layers import DataLayers

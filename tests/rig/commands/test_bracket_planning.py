@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.bracket.metering import Metering
+from capture.bracket.metering.meter import Metering
 from capture.bracket.planner import Target
 from capture.bracket.raw_noise import RawNoise
 from capture.record.forecast import Forecast

@@ -14,7 +14,7 @@ from imaging.files import store
 from imaging.files.photo import read_photo
 from imaging.progress import unreported
 from imaging.session.session import Session
-from rig.report.charts.rig_view import STEPS
+from rig.report.charts.poses.rig_view import STEPS
 from rig.report.pages.calibration import calibration_report
 from rig.report.sections.shots import read_previews
 

@@ -22,7 +22,7 @@ from rig.report.charts.chart import (
     nice_step,
     tick_text,
 )
-from rig.report.charts.topview import ground, top_view
+from rig.report.charts.poses.topview import ground, top_view
 
 
 def svg_of(markup: str) -> ElementTree.Element:

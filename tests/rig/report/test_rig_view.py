@@ -12,9 +12,9 @@ from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.calibration_evidence import BoardEvidence, BoardPlace
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
-from rig.report.charts.board_view import board_figures
-from rig.report.charts.pose_charts import pose_topic
-from rig.report.charts.rig_view import STEPS, turntable
+from rig.report.charts.poses.board_view import board_figures
+from rig.report.charts.poses.pose_charts import pose_topic
+from rig.report.charts.poses.rig_view import STEPS, turntable
 from rig.report.pages.calibration import calibration_report
 
 from .drawings import NOTHING, changed, drawings, of_class

@@ -1,0 +1,1 @@
+"""A sensor from repeated darks and flats, after EMVA 1288."""

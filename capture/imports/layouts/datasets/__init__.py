@@ -1,0 +1,1 @@
+"""Data sets of papers, in the layouts that their authors published."""

@@ -1,0 +1,1 @@
+"""Threads of a capture, one for each camera, and where they wait for one another."""

@@ -1,0 +1,1 @@
+"""Drawings of poses: the rig, its views and its boards in space."""
