@@ -126,7 +126,7 @@ def reconstruct(
         # The name of the scene follows from the method, and its folder from the name.
         chosen, reasons = method_for(dataset, request.method)
         asked = asked_for(dataset, chosen, request, processes=ranks.count)
-        name = request.name or default_name(chosen, quality, budget)
+        name = request.name or default_name(chosen, quality, budget, all_views=request.all_views)
         folder = store.inside(session / shelf, name)  # the shelf may be a link to a larger disk
         # What is there decides where the training goes, so no other may begin until this one ends.
         ranks.decided(lambda: stack.enter_context(sole_maker(folder)))

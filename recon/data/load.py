@@ -42,6 +42,7 @@ def load(
     session: Path,
     *,
     max_width: int | None = None,
+    all_views: bool = False,
     progress: Progress = unreported,
     examine: Examine = too_large,
 ) -> Dataset:
@@ -54,6 +55,7 @@ def load(
     Args:
         session: Folder of a calibrated session.
         max_width: Of the images, px; None: as they are.
+        all_views: True to hold no view out, whatever the data set says.
         progress: Callback for the current step, the steps done, and all of them.
         examine: Called when a view of each camera is read, before the others are: True keeps the shots on the
             disk. It may refuse by an error of its own.
@@ -87,7 +89,9 @@ def load(
             else "it was calibrated without: run `rig calibrate` in full, on two views or more of one scene"
         )
         raise ReconstructionError(f"{session} has no view with a pose, since {why}.")
-    out = held_out(groups) if split is None else tested_views(session, groups, split)
+    out: set[ViewId] = set()
+    if not all_views:
+        out = held_out(groups) if split is None else tested_views(session, groups, split)
     poses = {view.id: view.cam_from_world.matrix() for view in calibration.views}
     world = WorldTransform.of({view.image_name: poses[view] for view in groups}, session / COLMAP)
     return read_views(
@@ -104,8 +108,8 @@ def load(
 
 
 def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
-    """A data set at another width: made of its shots where they are in memory, else read anew from the
-    session, and kept on the disk as those are.
+    """A data set at another width, of the same views and shots: made of these where they are in memory, else
+    read anew from the session, and kept on the disk as those are.
     """
     if all(view.held for view in dataset.views):
         falloffs: Falloffs = {}
@@ -114,8 +118,22 @@ def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
             for views in (dataset.train, dataset.held_out)
         )
         return replace(dataset, train=train, held_out=held_out)
-    loaded = load(dataset.session, max_width=max_width, progress=progress, examine=lambda *_: True)
-    return overruled(loaded, dataset.overruled).with_depths(dataset.depth_scale)
+    loaded = load(
+        dataset.session,
+        max_width=max_width,
+        all_views=not dataset.held_out,
+        progress=progress,
+        examine=lambda *_: True,
+    )
+    anew = {view.id: view for view in overruled(loaded, dataset.overruled).views}
+
+    def narrow(view: View) -> View:
+        files = {shot.file for shot in view.shots}
+        whole = anew[view.id]
+        return replace(whole, shots=tuple(shot for shot in whole.shots if shot.file in files))
+
+    train, held_out = (tuple(map(narrow, views)) for views in (dataset.train, dataset.held_out))
+    return replace(dataset, train=train, held_out=held_out).with_depths(dataset.depth_scale)
 
 
 def calibration_sha256(session: Path) -> str:

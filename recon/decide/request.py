@@ -54,10 +54,15 @@ class TrainingRequest(Request):
         "Stop where trainings usually stop improving, or earlier, when the validation views (up to half of "
         "the held-out ones) do.",
     ] = False
+    all_views: Annotated[
+        bool,
+        "Train on every view, also on the one in eight that is otherwise held out. Nothing can then be "
+        "measured: train without it first, and use this for the scene that you show.",
+    ] = False
     name: Annotated[
         str | None,
         "Folder name under SESSION/reconstructions; if not given, method, quality and budget, such as "
-        "nh-3dgs-standard.",
+        "nh-3dgs-standard, with -all if no view is held out.",
     ] = None
     replace: Annotated[
         bool, "Train again and replace the scene of that name once the new one is finished."
@@ -66,6 +71,11 @@ class TrainingRequest(Request):
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"The seed {self.seed} is out of range: give a number from 0 to {LARGEST_SEED}.")
+        if self.all_views and self.budget is not None and self.budget.unit == "dB":
+            raise InputError(
+                "A budget in dB is judged by held-out views, and --all-views leaves none: give a time, or "
+                "leave out one of the two."
+            )
         name = self.name
         if name is not None and (not name or name.startswith(".") or {"/", "\\"} & set(name)):
             raise InputError(

@@ -38,6 +38,8 @@ class Settings(Record):
     budget_unit: Unit = "s"
     early_stop: bool = False
     """True if training ends once it stops improving."""
+    all_views: bool = False
+    """True if no view is held out."""
     overrides: Overrides = Overrides()
     """Overrides by the user."""
     environment: bool = False
@@ -92,6 +94,7 @@ class Settings(Record):
             "seed": str(self.seed),
             "budget": "none" if self.budget is None else str(Budget(self.budget, self.budget_unit)),
             "early stop": "on" if self.early_stop else "off",
+            "held-out views": "none" if self.all_views else "as usual",
             "settings": " ".join(self.overrides.words()) or "of the preset",
         }
 
@@ -145,6 +148,7 @@ def asked_for(dataset: Dataset, method: str, request: TrainingRequest, *, proces
             "budget": None if budget is None else budget.amount,
             "budget_unit": "s" if budget is None else budget.unit,
             "early_stop": request.early_stop,
+            "all_views": request.all_views,
             "overrides": overrides,
         }
     )

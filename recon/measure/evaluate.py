@@ -67,7 +67,8 @@ def evaluate(
     Returns:
         Figures of the scene, of each view, and of each band of a scene of bands. `measured_on` states whether
         the views are test views, on which no choice rests, or the validation view that ended the training, if
-        that is the only one. Below four views nothing is held out: the result states that and has no figures.
+        that is the only one. Where no view is held out, as below four, the result says so and has no
+        figures.
 
     Raises:
         ReconstructionError: The folder has no finished reconstruction.
@@ -110,9 +111,7 @@ def _evaluated(folder: Path, whole: Opened, until: float, on_progress: Progress)
         said = _left_out(len(views), len(whole.dataset.reported), skipped), vdp.trouble()
         result["left_out"] = " ".join(filter(None, said)) or None
     else:
-        count = len(opened.dataset.views)
-        views_are = "1 view is" if count == 1 else f"{count} views are"
-        result["held_out_note"] = f"{views_are} too few to hold one out: take {FEWEST_FOR_HOLDOUT} or more."
+        result["held_out_note"] = _none_held_out(opened)
     if has_truth(opened.dataset.session):
         result |= calibration_errors(opened.dataset.session, opened.dataset.calibration)
         result |= _response(opened)
@@ -129,6 +128,15 @@ def _evaluated(folder: Path, whole: Opened, until: float, on_progress: Progress)
         result["render_fps"] = 1 / float(np.median(seconds))
     on_progress("rendering held-out views", len(views), len(views))
     return result
+
+
+def _none_held_out(opened: Opened) -> str:
+    """Say why no view is held out of a training."""
+    count = len(opened.dataset.views)
+    if opened.record.settings.all_views:
+        return f"All {count} views were trained on, as asked for: none is left to measure with."
+    views_are = "1 view is" if count == 1 else f"{count} views are"
+    return f"{views_are} too few to hold one out: take {FEWEST_FOR_HOLDOUT} or more."
 
 
 def _left_out(measured: int, of: int, skipped: Sequence[str]) -> str | None:

@@ -13,9 +13,10 @@ from recon.result.model import CHECKPOINT, MODEL
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 
 
-def default_name(method: str, quality: str, budget: Budget | None) -> str:
-    """Default name of a scene: `nh-3dgs-standard`, or `nh-3dgs-standard-300s`."""
-    return f"{method}-{quality}" if budget is None else f"{method}-{quality}-{budget}"
+def default_name(method: str, quality: str, budget: Budget | None, *, all_views: bool = False) -> str:
+    """Default name of a scene: `nh-3dgs-standard`, `nh-3dgs-standard-300s` or `nh-3dgs-standard-all`."""
+    parts = [method, quality, *([] if budget is None else [str(budget)]), *(["all"] if all_views else [])]
+    return "-".join(parts)
 
 
 def names_of(request: TrainingRequest) -> tuple[str, ...]:
@@ -23,7 +24,10 @@ def names_of(request: TrainingRequest) -> tuple[str, ...]:
     if request.name:
         return (request.name,)
     methods = tuple(METHODS) if request.method == "auto" else (request.method,)
-    return tuple(default_name(method, request.quality, request.budget) for method in methods)
+    return tuple(
+        default_name(method, request.quality, request.budget, all_views=request.all_views)
+        for method in methods
+    )
 
 
 def place_for(

@@ -39,6 +39,7 @@ class PlannedScene(_Table):
     quality: QualityName = TrainingRequest.quality
     budget: str | None = None
     early_stop: Annotated[bool, Field(strict=True)] = TrainingRequest.early_stop
+    all_views: Annotated[bool, Field(strict=True)] = TrainingRequest.all_views
     seed: Annotated[int, Field(strict=True, ge=0)] = TrainingRequest.seed
     set: dict[str, str | int | float | bool] = {}
     export: tuple[Annotated[str, Field(pattern=r"^[^/\\]+\.[^/\\]+$")], ...] = ()
@@ -52,6 +53,7 @@ class PlannedScene(_Table):
             seed=self.seed,
             overrides=Overrides.of(self.sets()),
             early_stop=self.early_stop,
+            all_views=self.all_views,
             name=self.name,
         )
 
@@ -59,6 +61,7 @@ class PlannedScene(_Table):
         """Return what `rig reconstruct` is given beside the session."""
         words = ["--method", self.method, "--quality", self.quality, "--seed", str(self.seed)]
         words += ["--early-stop"] if self.early_stop else []
+        words += ["--all-views"] if self.all_views else []
         words += [] if self.budget is None else ["--budget", self.budget]
         words += [] if self.name is None else ["--name", self.name]
         for one in self.sets():

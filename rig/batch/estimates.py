@@ -115,7 +115,8 @@ def _scene(session: Path, scene: PlannedScene) -> tuple[float, float]:
     views = _views(shots, overrides.width or preset.width)
     if not views or any((session / "reconstructions" / name / MODEL).is_file() for name in names_of(request)):
         return 0.0, 0.0
-    held_out = -(-len(views) // EVERY) if len(views) >= FEWEST_FOR_HOLDOUT else 0
+    measured = len(views) >= FEWEST_FOR_HOLDOUT and not request.all_views
+    held_out = -(-len(views) // EVERY) if measured else 0
     train = len(views) - held_out
     each = sum(views) / len(views)
     gaussians = request.most_gaussians(train, round(1e6 * each * train), overrides.degree or 0)

@@ -201,6 +201,15 @@ CLAIMS = (
             choose(cell("real_more_time", "views", name, "draft") for name in FEW) for choose in (min, max)
         ],
     ),
+    Claim(
+        r"have \+([\d.]+) \+- ([\d.]+) dB more on a castle, \+([\d.]+) \+- ([\d.]+) on a tree, "
+        r"\+([\d.]+) \+- ([\d.]+) on a banana and \+([\d.]+) \+- ([\d.]+) on a drone's flight",
+        lambda: [value for name in FEW for value in cells("real_all_views", "gain, dB", name)[0]],
+    ),
+    Claim(
+        r"\((\d+) to (\d+) photographs, one seed, the error over views",
+        lambda: [choose(cell("real_all_views", "views", name) for name in FEW) for choose in (min, max)],
+    ),
     Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
     Claim(
         r"more than ([\d.]+) dB better than a preset",

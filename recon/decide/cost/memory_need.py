@@ -267,7 +267,7 @@ def forecast(
 
     with suppress(_Read):
         width = request.overrides.width or QUALITIES[request.quality].width
-        load(session, max_width=width, examine=look)
+        load(session, max_width=width, all_views=request.all_views, examine=look)
     firsts, counts = looks[0]
     free = max(room - memory.resident() - ARENA * threads, 0)
     needed, _ = fitting(firsts, counts, free, request)

@@ -26,7 +26,13 @@ class Reader:
     def read(self, width: int, *, begins: bool = False) -> Dataset:
         """Read them; begins: say how long a training would take that begins with them."""
         examine = partial(self._examine, begins)
-        loaded = load(self.session, max_width=width, progress=self.progress, examine=examine)
+        loaded = load(
+            self.session,
+            max_width=width,
+            all_views=self.request.all_views,
+            progress=self.progress,
+            examine=examine,
+        )
         return self.request.overrides.subset(loaded)
 
     def _examine(self, begins: bool, firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:

@@ -93,7 +93,7 @@ def tried(
     """
     small = dataset
     if settings.max_width > TRIAL_WIDTH:
-        small = replace(again(dataset, TRIAL_WIDTH, progress), watched=dataset.watched)
+        small = again(dataset, TRIAL_WIDTH, progress)
     # Methods form images of photographs that differ from their labels in another way, through their falloff,
     # too. All trainings do so as if they differed: what is judged is the factors alone.
     known = overruled(small, parts).calibration

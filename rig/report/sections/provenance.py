@@ -112,11 +112,12 @@ def _commands(
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
         asked = None if chosen.budget is None else Budget(chosen.budget, chosen.budget_unit)
         budget = "" if asked is None else f" --budget {asked}"
-        usual = default_name(chosen.method, chosen.quality, asked)
+        usual = default_name(chosen.method, chosen.quality, asked, all_views=chosen.all_views)
         named = "" if reconstruction in (None, usual) else f" --name {shlex.quote(str(reconstruction))}"
         sets = "".join(f" --set {word}" for word in chosen.overrides.words())
         early = " --early-stop" if chosen.early_stop else ""
-        yield f"rig reconstruct {name} {options}{budget}{early}{sets}{named}"
+        every = " --all-views" if chosen.all_views else ""
+        yield f"rig reconstruct {name} {options}{budget}{early}{every}{sets}{named}"
 
 
 def _planned(session: Session) -> str:

@@ -10,14 +10,16 @@ import pytest
 
 from imaging.errors import InputError, StorageError
 from imaging.files.photo import encode_png
+from imaging.progress import unreported
 from imaging.session.calibration import Response
 from recon.data import decoded
 from recon.data.dataset import View
 from recon.data.decoded import StoredPlanes, read_stored
 from recon.data.light import StoredImages, radiance_image, radiance_images
-from recon.data.load import load
+from recon.data.load import again, load
 from recon.data.pixels import ShotSource, read_shot
 from recon.data.shot import Shot
+from recon.decide.overrides import Overrides
 
 PLANES = ("pixels", "saturated", "dark", "valid", "alpha")
 
@@ -68,6 +70,20 @@ def test_a_second_reading_decodes_nothing(session: Path, monkeypatch: pytest.Mon
     after = [shot.pixels for view in stored(session) for shot in view.shots]
     assert firsts
     assert all(map(np.array_equal, before, after))
+
+
+@pytest.mark.parametrize("all_views", [False, True])
+def test_pictures_at_another_width_are_of_the_same_views_and_shots(session: Path, all_views: bool) -> None:
+    whole = load(session, all_views=all_views, examine=lambda firsts, counts: True)
+    assert all_views == (not whole.held_out)
+    asked = Overrides(views=2, exposures=1).subset(whole)
+    for part in (whole, asked):
+        narrow = again(part, 24, unreported)
+        for views, others in ((part.train, narrow.train), (part.held_out, narrow.held_out)):
+            assert [view.id for view in views] == [view.id for view in others]
+            for view, other in zip(views, others, strict=True):
+                assert [shot.file for shot in view.shots] == [shot.file for shot in other.shots]
+                assert (other.held, other.lens.width) == (False, 24)
 
 
 def photo(folder: Path, codes: np.ndarray, name: str = "photo.png") -> ShotSource:

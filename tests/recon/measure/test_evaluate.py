@@ -13,6 +13,7 @@ from imaging.colour.spaces import space_from_rec709
 from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.files.exr.reading import read_exr
+from imaging.session.calibration import read_calibration
 from recon.decide.cost.budget import Budget
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
@@ -261,6 +262,21 @@ def test_too_few_views_hold_nothing_out_and_say_so(session_copy, count):
     assert "too few" in result.held_out_note
     assert result.hdr_psnr_mu_aligned is None
     assert all(file.stat().st_size for file in render(folder, session_copy / "out"))
+
+
+def test_all_views_are_trained_on_where_that_is_asked_for(session_copy):
+    asked = TrainingRequest(quality="draft", all_views=True)
+    folder = reconstruct(session_copy, asked)
+    assert folder.name == "nh-3dgs-draft-all"
+    views = read_calibration(session_copy).views
+    assert read_model(folder).training_views == tuple(str(view.id) for view in views)
+    result = evaluate(folder)
+    assert (result.held_out, result.hdr_psnr_mu_aligned) == ((), None)
+    words = f"All {len(views)} views were trained on, as asked for: none is left to measure with."
+    assert result.held_out_note == words
+    assert reconstruct(session_copy, asked) == folder  # finished: nothing is trained again
+    with pytest.raises(InputError, match="judged by held-out views, and --all-views leaves none"):
+        TrainingRequest(budget=Budget.parse("35dB"), all_views=True)
 
 
 def request(budget=None, **options):

@@ -37,6 +37,7 @@ def test_a_scene_is_called_by_what_was_asked_for():
     assert names == [f"nh-3dgs-standard-{end}" for end in ("300s", "30MB", "35dB", "20k")]
     assert names_of(TrainingRequest(name="c1")) == ("c1",)
     assert names_of(TrainingRequest(method="hdr-gs", quality="best")) == ("hdr-gs-best",)
+    assert names_of(TrainingRequest(method="vanilla", all_views=True)) == ("vanilla-standard-all",)
     assert names_of(TrainingRequest()) == ("nh-3dgs-standard", "hdr-gs-standard", "vanilla-standard")
 
 
@@ -45,6 +46,7 @@ def test_a_scene_is_called_by_what_was_asked_for():
     [
         ({"seed": 7}, "trained with seed 0:"),
         ({"budget": Budget.parse("0.2k")}, "trained with budget none:"),
+        ({"all_views": True}, "trained with held-out views as usual:"),
         (
             {"overrides": Overrides(degree=0), "early_stop": True},
             "trained with early stop off, settings of the preset:",

@@ -49,13 +49,15 @@ name = "small"
 quality = "draft"
 budget = "5m"
 early_stop = true
+all_views = true
 set = { gaussians = 5000, environment = false, refine = "none" }
 export = ["scene.usdc"]
 [[scene]]
 """
     small, usual = read_plan(plan(tmp_path, text)).scenes
     assert small.words() == [
-        *["--method", "auto", "--quality", "draft", "--seed", "0", "--early-stop", "--budget", "5m"],
+        *["--method", "auto", "--quality", "draft", "--seed", "0", "--early-stop"],
+        *["--all-views", "--budget", "5m"],
         *["--name", "small", "--set", "gaussians=5000", "--set", "environment=0", "--set", "refine=none"],
     ]
     assert (small.called, usual.called) == ("small", "auto standard")
