@@ -99,10 +99,15 @@ def figures(view: View, true: Array, image: Array, confirmed_pixels: Mask) -> di
     }
 
 
-def trained(session: Path, fold: int, work: Path, preset: QualityName, seed: int) -> dict[str, Any]:
-    """Figures by view of one training; `seconds` of the processor, from the first file to the scene."""
+def trained(
+    session: Path, fold: int, work: Path, preset: QualityName, seed: int, gaussians: int | None = None
+) -> dict[str, Any]:
+    """Figures by view of one training; `seconds` of the processor, from the first file to the scene.
+
+    gaussians: the most, set by hand; None: as rig decides.
+    """
     warm_up(lambda message, done, total: None)
-    overrides = Overrides(width=WIDTH)
+    overrides = Overrides(width=WIDTH, gaussians=gaussians)
     request = TrainingRequest(
         quality=preset, seed=seed, overrides=overrides, name=f"time-{preset}", replace=True
     )

@@ -42,10 +42,15 @@ def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
         return "not tried, since settings were fixed by hand"
     if settings.quality == "draft":
         return "not tried, since a draft is no longer than a trial"
-    if len(_out(dataset)) < FEWEST_VIEWS:
+    if too_few_views(dataset):
         count = len(dataset.train)
         return f"not tried, since {count} training views are too few to hold {FEWEST_VIEWS} of them out"
     return None
+
+
+def too_few_views(dataset: Dataset) -> bool:
+    """Return whether a data set has too few training views for trials."""
+    return len(_out(dataset)) < FEWEST_VIEWS
 
 
 def room(dataset: Dataset) -> int:

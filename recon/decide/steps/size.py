@@ -18,7 +18,7 @@ from recon.decide.held_out_evidence import STEPS, fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
 from recon.decide.steps.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
-from recon.decide.trials import SAMPLES, Trials, room
+from recon.decide.trials import SAMPLES, Trials, room, too_few_views
 from recon.observe.refinement import Refined
 from recon.scene.harmonics import DEGREE
 from recon.scene.ply import most_gaussians
@@ -42,6 +42,9 @@ UNDECIDED = 0
 gallery it has 0.1 to 0.4 dB more of the light than degree 2, even where surfaces shine
 (bench/results/few_views.md).
 """
+EACH, FLOOR = 1500, 10_000
+"""Most Gaussians for each training view where these are too few for trials, but for drafts, and the fewest
+that this leaves: what more of them learn in a whole training, one view alone sees (bench/real/counts.py)."""
 MOST_HALVINGS = 5
 PLAIN = 14
 """Numbers of a Gaussian whose colour is the same from everywhere: place, size, turn, opacity, colour."""
@@ -139,7 +142,14 @@ def gaussians_for(
         return Ladder(trials, refined, most, degree).climbed()
     else:
         reason = f"at most {most:,}, {against_trials}"
-        if most < settings.max_gaussians:
+        enough = max(EACH * len(evidence.dataset.train), FLOOR)
+        if settings.quality != "draft" and too_few_views(evidence.dataset) and enough < most:
+            most = enough
+            reason = (
+                f"at most {most:,}, {EACH:,} for each training view or {FLOOR:,}: with "
+                "too few views for trials, more would learn what one view alone sees"
+            )
+        elif most < settings.max_gaussians:
             reason += (
                 f"; one for every {SAMPLES} samples of the training views, which can distinguish no more"
             )

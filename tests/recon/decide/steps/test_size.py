@@ -174,6 +174,29 @@ def test_a_budget_in_bytes_has_room_for_more_gaussians_of_one_colour(many):
     assert counts[0] > 2 * counts[2]
 
 
+@pytest.mark.parametrize(
+    ("views", "changed", "count"),
+    [
+        (12, {}, 18_000),
+        (7, {}, 10_500),
+        (4, {}, 10_000),
+        (12, {"quality": "draft"}, 20_000),
+        (12, {"overrides": Overrides(gaussians=20_000)}, 20_000),
+        (13, {"overrides": Overrides(width=48)}, 20_000),
+    ],
+)
+def test_views_too_few_for_trials_have_room_for_fewer_gaussians(many, views, changed, count, monkeypatch):
+    """But for drafts, what is set by hand, and views enough for trials."""
+    monkeypatch.setattr(module, "room", lambda dataset: 1_000_000)
+    few = replace(many, train=many.train[:views])
+    assert len(few.train) == views
+    wanted = settings(**changed)
+    run = run_of(few, wanted)
+    most, rung = gaussians_for(run, Evidence.of(run), wanted, reason_against_trials(few, wanted), 0, (), None)
+    assert (most, rung.taken) == (count, count < 20_000)
+    assert ("1,500 for each training view" in rung.reason) == (count < 20_000)
+
+
 def test_as_few_as_are_as_good(many, monkeypatch):
     """All halvings are taken where none loses."""
     monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
