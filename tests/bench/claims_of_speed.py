@@ -4,6 +4,8 @@ import math
 from functools import partial
 
 from recon.decide.presets import QUALITIES
+from recon.decide.steps.size import EACH, FLOOR
+from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
 
 from .claim import Claim as Claimed
 from .claim import cell, cells, line, stored
@@ -13,6 +15,8 @@ Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
 Front = partial(Claimed, page="README.md")
 Viewer = partial(Claimed, page="docs/view.md")
 FEW = "castle", "monstree", "banana", "brighton"
+FEWEST = "castle", "banana", "ET"
+MORE = r"\+([\d.]+) \+- ([\d.]+)"
 MEMORY = "demo", "lego", "fox", "castle", "castle", "banana"
 
 
@@ -24,6 +28,11 @@ def below(quality: str) -> list[float]:
 def _frame(size: str, count: str, *drawn: str) -> list[float]:
     """Milliseconds of a frame on a GPU, forward and backward."""
     return [cell("gpu", "forward + backward, ms", size, count, what) for what in drawn]
+
+
+def _fewer(name: str, count: str) -> list[float]:
+    """Gain of fewer Gaussians on a set of few photographs, dB, and its standard error."""
+    return cells("real_counts", "gain, dB", name, count)[0]
 
 
 CALIBRATED, GIVEN = r"([\d,]+) \| ([\d,]+)", r"given \|"
@@ -209,6 +218,26 @@ CLAIMS = (
     Claim(
         r"\((\d+) to (\d+) photographs, one seed, the error over views",
         lambda: [choose(cell("real_all_views", "views", name) for name in FEW) for choose in (min, max)],
+    ),
+    Claim(
+        r"fewer than (\d+) views are there to train on.*?at most ([\d,]+) Gaussians for each of them, "
+        r"or ([\d,]+)",
+        lambda: [1 + HELD_OUT * (FEWEST_VIEWS - 1), EACH, FLOOR],
+    ),
+    Claim(
+        rf"length, ([\d,]+) Gaussians make {MORE} dB more than ([\d,]+) of a castle, {MORE} of a banana "
+        rf"and {MORE}",
+        lambda: [
+            10_000,
+            *_fewer("castle", "10,000"),
+            40_000,
+            *_fewer("banana", "10,000"),
+            *_fewer("ET", "10,000"),
+        ],
+    ),
+    Claim(
+        rf"on which nothing was chosen; ([\d,]+) make {MORE}, {MORE} and {MORE}",
+        lambda: [20_000, *(value for name in FEWEST for value in _fewer(name, "20,000"))],
     ),
     Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
     Claim(
