@@ -1,22 +1,15 @@
-"""Claims of docs/speed-or-accuracy.md on the gain by time and Gaussians, and of the README in its table."""
+"""Claims of docs/speed-or-accuracy.md and docs/view.md on what time and Gaussians buy."""
 
-import math
 from functools import partial
 
 from recon.decide.presets import QUALITIES
-from recon.decide.steps.size import EACH, FLOOR
-from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
 
 from .claim import Claim as Claimed
 from .claim import cell, cells, line, stored
-from .figures_of_scenes import beside_peer, longer, presets, wide
+from .figures_of_scenes import presets, wide
 
 Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
-Front = partial(Claimed, page="README.md")
 Viewer = partial(Claimed, page="docs/view.md")
-FEW = "castle", "monstree", "banana", "brighton"
-FEWEST = "castle", "banana", "ET"
-MORE = r"\+([\d.]+) \+- ([\d.]+)"
 MEMORY = "demo", "lego", "fox", "castle", "castle", "banana"
 
 
@@ -28,11 +21,6 @@ def below(quality: str) -> list[float]:
 def _frame(size: str, count: str, *drawn: str) -> list[float]:
     """Milliseconds of a frame on a GPU, forward and backward."""
     return [cell("gpu", "forward + backward, ms", size, count, what) for what in drawn]
-
-
-def _fewer(name: str, count: str) -> list[float]:
-    """Gain of fewer Gaussians on a set of few photographs, dB, and its standard error."""
-    return cells("real_counts", "gain, dB", name, count)[0]
 
 
 CALIBRATED, GIVEN = r"([\d,]+) \| ([\d,]+)", r"given \|"
@@ -191,54 +179,6 @@ CLAIMS = (
         ],
     ),
     Claim(r"at most ([\d.]+) dB below; of", lambda: [max(below("standard"))], bound=True),
-    Claim(
-        r"differs from draft by \+([\d.]+) \+- ([\d.]+) dB on a castle, \+([\d.]+) \+- ([\d.]+) on a tree, "
-        r"\+([\d.]+) \+- ([\d.]+) on a banana and -([\d.]+) \+- ([\d.]+) on a drone's flight",
-        lambda: [abs(figure) for pair in longer("dB", *FEW) for figure in pair],
-    ),
-    Claim(
-        r"standard gains ([\d.]+) to ([\d.]+) dB on all four",
-        lambda: [choose(gain for gain, _ in longer("confirmed", *FEW)) for choose in (min, max)],
-    ),
-    Claim(
-        r"SSIM rises by ([\d.]+) to ([\d.]+)",
-        lambda: [choose(gain for gain, _ in longer("SSIM", *FEW)) for choose in (min, max)],
-    ),
-    Claim(
-        r"sets of (\d+) to (\d+) photographs, each held out once",
-        lambda: [
-            choose(cell("real_more_time", "views", name, "draft") for name in FEW) for choose in (min, max)
-        ],
-    ),
-    Claim(
-        r"have \+([\d.]+) \+- ([\d.]+) dB more on a castle, \+([\d.]+) \+- ([\d.]+) on a tree, "
-        r"\+([\d.]+) \+- ([\d.]+) on a banana and \+([\d.]+) \+- ([\d.]+) on a drone's flight",
-        lambda: [value for name in FEW for value in cells("real_all_views", "gain, dB", name)[0]],
-    ),
-    Claim(
-        r"\((\d+) to (\d+) photographs, one seed, the error over views",
-        lambda: [choose(cell("real_all_views", "views", name) for name in FEW) for choose in (min, max)],
-    ),
-    Claim(
-        r"fewer than (\d+) views are there to train on.*?at most ([\d,]+) Gaussians for each of them, "
-        r"or ([\d,]+)",
-        lambda: [1 + HELD_OUT * (FEWEST_VIEWS - 1), EACH, FLOOR],
-    ),
-    Claim(
-        rf"length, ([\d,]+) Gaussians make {MORE} dB more than ([\d,]+) of a castle, {MORE} of a banana "
-        rf"and {MORE}",
-        lambda: [
-            10_000,
-            *_fewer("castle", "10,000"),
-            40_000,
-            *_fewer("banana", "10,000"),
-            *_fewer("ET", "10,000"),
-        ],
-    ),
-    Claim(
-        rf"on which nothing was chosen; ([\d,]+) make {MORE}, {MORE} and {MORE}",
-        lambda: [20_000, *(value for name in FEWEST for value in _fewer(name, "20,000"))],
-    ),
     Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
     Claim(
         r"more than ([\d.]+) dB better than a preset",
@@ -274,76 +214,6 @@ CLAIMS = (
     Claim(
         r"trainings were within (\d+) %",
         lambda: [max(abs(one) for (one,) in cells("memory", "forecast off, %"))],
-    ),
-    Front(
-        r"\| ([\d.]+) dB mu-law PSNR with the 99\.9th percentile of the light as its peak, ([\d.]+) dB with "
-        r"the maximum; median error ([\d.]+) stops, ([\d.]+) in the darkest tenth, ([\d.]+) in the brightest "
-        r"hundredth; (\d+) px, preset standard in (\d+) s",
-        lambda: [
-            cell("demo", column)
-            for column in (
-                "mu-law over the 99.9th percentile, dB",
-                "over the brightest, dB",
-                "stops, median",
-                "darkest tenth",
-                "brightest hundredth",
-                "px",
-                "s",
-            )
-        ],
-    ),
-    Front(
-        r"\| (\d+) s of processor time; plain pycolmap takes (\d+) s \|",
-        lambda: [
-            cell("calibration_size", "s", "castle", program, under="Whole") for program in ("rig", "pycolmap")
-        ],
-    ),
-    Front(
-        r"\| ([\d,]+) s of processor time; plain pycolmap takes ([\d,]+) s; both",
-        lambda: [
-            cells("calibration_full_size", "processor s", program, but="freed")[0][0]
-            for program in ("rig", "pycolmap")
-        ],
-    ),
-    Front(
-        r"the tree reach (\d+) to (\d+) dB\.",
-        lambda: [
-            math.floor(min(beside_peer(name, "PSNR, dB")[0] for name in ("castle", "monstree"))),
-            math.ceil(max(beside_peer(name, "PSNR, dB")[0] for name in ("castle", "monstree"))),
-        ],
-    ),
-    Front(
-        r"close views of an object reach (\d+) dB",
-        lambda: [math.floor(beside_peer("lego", "over white, dB")[0])],
-    ),
-    Front(r"castle ([\d.]+) dB \(OpenSplat ([\d.]+)\),", lambda: beside_peer("castle", "PSNR, dB")),
-    Front(r"tree ([\d.]+) \(([\d.]+)\),", lambda: beside_peer("monstree", "PSNR, dB")),
-    Front(r"lego ([\d.]+) \(([\d.]+)\);", lambda: beside_peer("lego", "over white, dB")),
-    Front(
-        r"\| ([\d.]+) dB at (\d+) px; published 3DGS has ([\d.]+) at",
-        lambda: [cell("published", name, "lego", "best") for name in ("over white", "px", "3DGS")],
-    ),
-    Front(
-        r"error of held-out views ([\d.]+) stops, ([\d.]+) in the darkest tenth",
-        lambda: [
-            cells("foreign", column, "room, RAW of 14 bits", under="Held-out")[-1][0]
-            for column in ("stops", "darkest tenth")
-        ],
-    ),
-    Front(
-        r"\| (\d+) of (\d+) placed views have wrong poses",
-        lambda: [sum(one[0] for one in cells("foreign_poses", key)) for key in ("wrong 1", "placed with")],
-    ),
-    Front(r"\| (\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),
-    Front(
-        r"error ([\d.e-]+) in the worst pixel",
-        lambda: [
-            max(of[0] for of in cells("stability", "forward", "2^40 (12 decades)", under="Worst error"))
-        ],
-    ),
-    Front(
-        r"two cores \| ([\d.]+) ms",
-        lambda: [cell("splat", "forward + backward, ms", "`recon.splat`", under="50,000 Gaussians")],
     ),
     Viewer(
         r"With ([\d,]+) Gaussians in a window of",

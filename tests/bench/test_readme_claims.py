@@ -13,12 +13,21 @@ import pytest
 
 from bench.real import goals
 
-from . import claims_of_measuring, claims_of_scenes, claims_of_speed, claims_of_yards
+from . import (
+    claims_of_few_views,
+    claims_of_measuring,
+    claims_of_readme,
+    claims_of_scenes,
+    claims_of_speed,
+    claims_of_yards,
+)
 from .claim import ROOT, Claim, cells, line, stored, tables
 
 NUMBER = r"(?<![\w@^.-])\d[\d,]*(?:\.\d+)?(?:e-\d+)?(?!\w|\^)"
 CLAIMS = (
+    *claims_of_few_views.CLAIMS,
     *claims_of_measuring.CLAIMS,
+    *claims_of_readme.CLAIMS,
     *claims_of_scenes.CLAIMS,
     *claims_of_speed.CLAIMS,
     *claims_of_yards.CLAIMS,
