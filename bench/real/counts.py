@@ -15,15 +15,17 @@ from typing import Any
 import numpy as np
 
 from bench.peers.compare import session_of
-from bench.real.more_time import FOLDS, KINDS, WIDTH, trained
+from bench.real.more_time import FOLDS, KINDS, WIDTH, fold_of, trained
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.arrays import Array
+from imaging.session.session import Session
+from recon.decide.steps.size import EACH, FLOOR
 
-SETS = ("castle", "banana")
-"""Sets whose training views are too few for trials."""
-COUNTS = (10_000, 20_000, 40_000)
-"""Numbers of Gaussians; the last is that of the preset."""
+SETS = ("castle", "banana", "monstree", "brighton")
+BY_VIEWS, MOST = 0, 40_000
+"""`EACH` Gaussians for each photograph to train on, `FLOOR` at least; and the number of the preset."""
+COUNTS = (10_000, BY_VIEWS, MOST)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -34,11 +36,19 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
         def made(name: str = name, count: int = count, fold: int = fold, seed: int = seed) -> dict[str, Any]:
             session = session_of(name, options.work)
-            return trained(session, fold, options.work, "standard", seed, gaussians=count)
+            gaussians = count or by_views(fold_of(session, fold, options.work))
+            return trained(session, fold, options.work, "standard", seed, gaussians=gaussians)
 
         what = {"set": Path(name).name, "count": count, "fold": fold, "seed": seed}
         rows.append(what | cache.get(f"{name} {count} fold {fold} seed {seed}", made))
     return {"machine": machine(), "rows": rows}
+
+
+def by_views(folder: Path) -> int:
+    """Number of Gaussians for the photographs of a fold that are trained on."""
+    split = Session.open(folder).split()
+    assert split is not None, "a fold has a split"
+    return max(EACH * len(split.train), FLOOR)
 
 
 def by_view(result: dict[str, Any], name: str, count: int) -> Array:
@@ -61,25 +71,26 @@ def report(result: dict[str, Any]) -> str:
         f"{1 + max(row['seed'] for row in rows)}. {words(result['machine'])}.",
         "",
         f"Every view is held out once, one in {FOLDS} at a time. Held-out dB after a gain a channel: of all "
-        "pixels, of those whose depth another photograph confirms, and of the others; SSIM. Gain: over "
-        "the most Gaussians, and its standard error over views.",
+        "pixels, of those whose depth another photograph confirms, and of the others; SSIM. By views: "
+        f"{EACH:,} Gaussians for each training view, {FLOOR:,} at least. Gain: over the most, and its "
+        "standard error over views.",
         "",
         "| set | views | Gaussians | dB | confirmed | others | SSIM | gain, dB | gain, SSIM | lose | s |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    most = max(row["count"] for row in rows)
     for name, count in dict.fromkeys((row["set"], row["count"]) for row in rows):
         views = by_view(result, name, count)
         db, shown, others, ssim = np.nanmean(views, axis=0)
         seconds = np.mean([row["seconds"] for row in rows if (row["set"], row["count"]) == (name, count)])
         gains = ["", "", ""]
-        if count < most:
-            gain = views - by_view(result, name, most)
+        if count != MOST:
+            gain = views - by_view(result, name, MOST)
             mean, error = gain.mean(axis=0), gain.std(axis=0, ddof=1) / np.sqrt(len(gain))
             gains = [f"{mean[0]:+.2f} +- {error[0]:.2f}", f"{mean[3]:+.3f} +- {error[3]:.3f}"]
             gains.append(f"{(gain[:, 0] < 0).sum()} of {len(gain)}")
+        size = f"{count:,}" if count else "by views"
         lines.append(
-            f"| {name} | {len(views)} | {count:,} | {db:.2f} | {shown:.2f} | {others:.2f} | {ssim:.3f} "
+            f"| {name} | {len(views)} | {size} | {db:.2f} | {shown:.2f} | {others:.2f} | {ssim:.3f} "
             f"| {' | '.join(gains)} | {seconds:.0f} |"
         )
     return "\n".join(lines) + "\n"
