@@ -33,6 +33,10 @@ WRONG = 0.25
 """Departure from a label, natural log, that no shutter has: the label is another photograph's."""
 FEWEST_CODES = 60
 """Codes that two photographs must share to be compared."""
+LEAST_SCATTER, SCATTERED = 0.02, 0.35
+"""Median scatter of a ratio, natural log, below which it counts as this, and above which it says nothing:
+neighbouring exposures of published brackets scatter by less than 0.2, those without light in range of both by
+0.7 and more."""
 
 
 @dataclass(frozen=True)
@@ -260,10 +264,16 @@ def _departures(samples: Samples, response: Response, shift: dict[float, float])
         for second in range(first):
             away = light[:, first] - light[:, second]
             away = away[np.isfinite(away)]
-            if len(away) >= FEWEST_CODES:
+            if len(away) < FEWEST_CODES:
+                continue
+            ratio = float(np.median(away))
+            scatter = float(np.median(np.abs(away - ratio)))
+            # Exposures far apart share only photosites that noise or edges bring into range of both.
+            if scatter < SCATTERED:
+                weight = 1.0 / max(scatter, LEAST_SCATTER)
                 pairs.append((first, second))
-                rows.append(np.eye(len(departed))[first] - np.eye(len(departed))[second])
-                goals.append(float(np.median(away)))
+                rows.append(weight * (np.eye(len(departed))[first] - np.eye(len(departed))[second]))
+                goals.append(weight * ratio)
     if not pairs:
         return departed
     graph = sparse.csr_array((np.ones(len(pairs)), np.array(pairs).T), (len(departed), len(departed)))

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from calib.light.curves.codes import FEWEST, FOLDS, HIGHEST, LOWEST, Samples
 from calib.light.curves.response_band import standard_errors
@@ -130,7 +132,7 @@ def estimate(samples: Samples | None) -> Estimate:
     hardly = HARDLY * max(stops - 1.0, 0.0)
     best, rival, rungs = _climbed(ladder, channels, noise, hardly)
     held = held_out(channels, noise, best.shape, labels_hold=True).without(odd)
-    freed, rung = _exposures(held, best, len(channels[0].steps), samples.rough)
+    freed, rung = _exposures(held, best, channels[0], samples.rough)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
     every = np.unique(samples.log_k.round(6))  # padding has a label of its view
     contradiction = _contradiction(channels[0].steps, fitted[0].shift, every) if freed else ""
@@ -195,16 +197,21 @@ def _judge(simple: Judged, freer: Judged, hardly: float) -> Rung:
     )
 
 
-def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[bool, Rung]:
-    """Return whether the exposures differ from their labels; with two that is undecidable.
+def _exposures(held: Judged, best: Judged, channel: Channel, rough: bool) -> tuple[bool, Rung]:
+    """Return whether the exposures differ from their labels; with two that is undecidable, as it is where
+    nothing but their labels ties those of some views to those of others.
 
     held: with the exposures of the labels; best: with others, but for rough samples: an exposure that stands
     in one view alone is indistinguishable from a change of that view.
     """
-    if steps < 3 or rough:
+    steps, reason = len(channel.steps), ""
+    if steps < 3:
         reason = "two exposures do not determine a ratio beside the curve: the labels are taken as they are"
-        if rough:
-            reason = "no view shows two exposures of one place: the labels are taken as they are"
+    if rough:
+        reason = "no view shows two exposures of one place: the labels are taken as they are"
+    elif not reason and not _tied(channel):
+        reason = "no view has exposures of both of some labels: the labels are taken as they are"
+    if reason:
         return False, Rung(name="exposure_labels", taken=False, reason=reason)
     gain = held.loss - best.loss
     gain = gain[np.isfinite(gain)]
@@ -219,6 +226,16 @@ def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[boo
         reason=f"held-out exposures disagree by {100 * best.median:.1f} % with exposures of their own and by "
         f"{100 * held.median:.1f} % with those of the labels",
     )
+
+
+def _tied(channel: Channel) -> bool:
+    """Return whether photosites seen in several exposures tie all of these together."""
+    sites, steps = channel.site.max() + 1, len(channel.steps)
+    graph = sparse.csr_array(
+        (np.ones(len(channel.site)), (channel.site, sites + channel.step)), (sites + steps,) * 2
+    )
+    part = connected_components(graph, directed=False)[1]
+    return bool((part[sites:] == part[sites]).all())
 
 
 def _contradiction(labels: Array, shift: Array, every: Array) -> str:

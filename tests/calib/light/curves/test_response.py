@@ -1,6 +1,7 @@
 """Response curves against those that made the codes, and the cases in which none can be measured."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -260,6 +261,38 @@ def test_one_photograph_with_a_wrong_label_spoils_nothing(tmp_path: Path, factor
     wrong = placed[1].shots[2].file
     named = [rung.reason for rung in light.rungs if rung.name == "exposure_of_a_file"]
     assert named == ([f"the exposure of {wrong} is 0.25 times its label"] if factor == 4.0 else [])
+
+
+def test_brackets_of_many_steps_keep_their_labels(tmp_path: Path) -> None:
+    """Noise lifts the dark into the codes of exposures that share no light: it puts no label right."""
+    labels, views = np.exp(np.log(4.0) * np.arange(-6.0, 1.0)), []
+    for view in range(2):
+        light = smooth(np.random.default_rng((8, view)), 0.3, 3e3)
+        shots = []
+        for index, k in enumerate(labels):
+            code = np.rint(255 * FAMILIES["s-curve"](np.clip(light * k, 0, 1))).astype(np.uint8)
+            lifted = np.random.default_rng((9, view, index)).random((15, 20)) < 0.5
+            code[(code < 5) & np.kron(lifted, np.ones((8, 8), bool))[..., None]] = 6
+            shots.append((code, Exposure(time=float(k), f_number=1, iso=100)))
+        views.append(shots)
+    session = Session.open(make_session(tmp_path / "S", views))
+    placed = scene_views(session)
+    light = radiometry.measure_light(session, placed, unreported)
+    for view in placed:
+        np.testing.assert_allclose([light.scale[shot.file] for shot in view.shots], labels, rtol=0.1)
+
+
+def test_brackets_that_nothing_ties_keep_their_labels() -> None:
+    """Photographs of two views without a label in common have no ratio but that of their labels."""
+    labels = STEPS[:3], STEPS[2:] + np.log(1.5)
+    parts = []
+    for seed, steps in enumerate(labels):
+        part = shoot(FAMILIES["log"], steps + seed * np.log([1.0, 1.3, 1.0]), seed, views=2)
+        parts.append(replace(part, log_k=np.broadcast_to(steps, part.log_k.shape).copy()))
+    estimated = estimate(Samples.joined(parts))
+    assert max(map(abs, estimated.shift.values())) < 0.05
+    (rung,) = (rung for rung in estimated.rungs if rung.name == "exposure_labels")
+    assert not rung.taken
 
 
 def test_the_base_of_a_film_tells_no_light() -> None:
