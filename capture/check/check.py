@@ -13,7 +13,7 @@ from capture.check.examine import Read, examine_all
 from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
 from capture.check.picture_warnings import warnings
 from capture.check.repair import RepairReport, repair
-from capture.check.shot_index import read_index, stray_files
+from capture.check.shot_index import read_index, source_names, stray_files
 from capture.pictures.read import PictureFacts, is_without_tones
 from capture.record.capture_result import span
 from capture.record.capture_run import planned_shots
@@ -82,7 +82,8 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     problems.extend(_missing(plans, shots, again))
     problems.extend(companion_problems(opened, shots, again))
     problems.extend(developed_problems(opened, shots))
-    problems.extend(_duplicates(opened, shots, {shot.file for shot, _ in pictures}))
+    sources = source_names(shots)
+    problems.extend(_duplicates(opened, shots, {shot.file for shot, _ in pictures}, sources))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
     problems.extend(_skewed(shots, together))
@@ -91,7 +92,6 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     timed = [shot for shot in shots if shot.kind != "dark" and shot.trigger_delay is not None]
     several = len({shot.camera for shot in timed}) > 1
     untimed = [shot for shot in timed if several and shot.skew is None]
-    sources = {shot.file: Path(shot.source).name for shot in shots if shot.source is not None}
     alarms = (*warnings(looks, opened.record.cameras), *_taken_again(shots, together))
     return CheckReport(
         session=str(session),
@@ -205,7 +205,9 @@ def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: st
                 )
 
 
-def _duplicates(session: Session, shots: Sequence[ShotRecord], sound: Collection[str]) -> Iterator[Problem]:
+def _duplicates(
+    session: Session, shots: Sequence[ShotRecord], sound: Collection[str], sources: Mapping[str, str]
+) -> Iterator[Problem]:
     """Files that two shots share, by name, or by content where both are as they were recorded.
 
     Several exposures may be equally black or white.
@@ -224,7 +226,7 @@ def _duplicates(session: Session, shots: Sequence[ShotRecord], sound: Collection
         for shot in others if others and not is_without_tones(session.file(first)) else ():
             fix = "move the wrong one away"
             if session.record.origin == "import":
-                name = shot.file if shot.source is None else Path(shot.source).name
+                name = sources.get(shot.file, shot.file)
                 fix = f"take {name} out of the photographs and import them again into a new folder"
             yield _problem("duplicate", shot, f"{shot.file} is the same file as {first.file}: {fix}.")
 

@@ -2,6 +2,8 @@
 
 import json
 import os
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 from imaging.errors import InputError
@@ -41,3 +43,13 @@ def stray_files(session: Session, shots: list[ShotRecord]) -> list[str]:
     files = [Path(place) / name for place, _, names in os.walk(raw) for name in names]
     relative = sorted(path.relative_to(session.folder).as_posix() for path in files)
     return [name for name in relative if name not in named and not name.endswith(".part")]
+
+
+def source_names(shots: Sequence[ShotRecord]) -> dict[str, str]:
+    """The user's name of each imported file, with its folder where several files have that name."""
+    paths = {shot.file: Path(shot.source) for shot in shots if shot.source is not None}
+    count = Counter(path.name for path in set(paths.values()))
+    return {
+        file: path.name if count[path.name] == 1 else f"{path.parent.name}/{path.name}"
+        for file, path in paths.items()
+    }

@@ -107,7 +107,7 @@ def survey(
         note = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
         foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
         notes.append(note.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else note)
-    notes += [*aside_notes(folder, derived.aside), *_copies_note(copies)]
+    notes += [*aside_notes(folder, derived.aside), *copies_note(folder, copies)]
     if developed:
         count = "1 file" if len(developed) == 1 else f"{len(developed)} files"
         notes.append(f"{count} kept beside RAW files of the same name, but not read.")
@@ -116,8 +116,7 @@ def survey(
         progress(f"reading {shown(path.name)}", number, len(paths))
         originals.append(replace(_read(path, listed.get(path)), developed=developed.get(path)))
     progress("read", len(paths), len(paths))
-    notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
-    notes += _doubts(originals)
+    notes += [*_unknown(originals, listed), *_profiles(originals), *_doubts(originals)]
     return Survey(tuple(originals), tuple(notes), derived.masks)
 
 
@@ -141,13 +140,13 @@ def _copies(folder: Path, others: list[Path], paths: list[Path], exposures: Path
     return [path for path in find_copies(paths) if path not in named]
 
 
-def _copies_note(copies: Sequence[Path]) -> list[str]:
-    """A sentence on the copies beside their photographs that are left aside, if any are."""
+def copies_note(folder: Path, copies: Sequence[Path]) -> list[str]:
+    """A sentence on the copies of photographs that are left aside, if any are."""
     if not copies:
         return []
     kind = "a copy of another" if len(copies) == 1 else "copies of others"
-    names = ", ".join(shown(path.name) for path in copies[:3]) + (", ..." if len(copies) > 3 else "")
-    return [f"{_files(len(copies))} left aside as {kind}: {names}."]
+    names = ", ".join(shown(path.relative_to(folder)) for path in copies[:3])
+    return [f"{_files(len(copies))} left aside as {kind}: {names}{', ...' if len(copies) > 3 else ''}."]
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -215,17 +214,6 @@ def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list
         rest = "although others have one" if mixed else "and has to be the same in all"
         notes.append(f"{count} as {counts}, {rest}; --exposures FILE gives it.")
     return notes
-
-
-def _transparent(originals: list[Original]) -> list[str]:
-    glassy = [photo for photo in originals if photo.picture is not None and photo.picture.transparent > 0]
-    if not glassy:
-        return []
-    count = "1 photo is" if len(glassy) == 1 else f"{len(glassy)} photos are"
-    return [
-        f"{count} partly transparent: transparent areas stay empty in the scene, and count as black. To "
-        "ignore them instead, give copies of the files by --masks FOLDER."
-    ]
 
 
 def _profiles(originals: list[Original]) -> list[str]:

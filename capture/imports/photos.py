@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 from capture.imports.copying import Place
 from capture.imports.given.depths import Depths, depths_asked, depths_note
 from capture.imports.given.given_calibration import check_sizes, has_poses
-from capture.imports.given.masks import masks_asked, masks_note
+from capture.imports.given.masks import masks_asked, masks_note, transparency_notes
 from capture.imports.import_plans import places_of, plans_of
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given
-from capture.imports.originals import FOREIGN, Original, survey
+from capture.imports.originals import FOREIGN, Original, Survey, survey
 from capture.imports.request import ImportRequest, LayoutName
 from capture.imports.sorting.band_list import bands_of, read_band_list
 from capture.imports.sorting.camera_sorting import sort_into_cameras
@@ -132,8 +132,7 @@ def _import_folder(
         notes = [_layout_note(given, request.layout), *given.notes, *_absent(given), *notes]
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
     numbered, guesses = _numbered(folder, request, given, surveyed.originals, filters, band_of)
-    paths = [original.path for original in surveyed.originals]
-    covers, deep, beside = _beside(folder, request, given, surveyed.masks, paths)
+    covers, deep, beside = _beside(folder, request, given, surveyed)
     plans: list[PlanRecord] = []
     places: list[Place] = []
     for entry in numbered:
@@ -157,17 +156,19 @@ def _import_folder(
 
 
 def _beside(
-    folder: Path, request: ImportRequest, given: Given | None, masks: Mapping[Path, Path], paths: list[Path]
+    folder: Path, request: ImportRequest, given: Given | None, surveyed: Survey
 ) -> tuple[dict[Path, Path], Depths, list[str]]:
-    """Masks and depth maps of the photographs: those asked for by hand come before those of the layout.
-
-    masks: those that lie beside photographs without a layout.
+    """Masks and depth maps of the photographs: those asked for by hand come before those of the layout,
+    or those that lie beside photographs without one.
 
     Returns:
         The mask and the depth map of each photograph that has one, and a sentence on each kind.
     """
+    paths = [original.path for original in surveyed.originals]
     covers = (
-        dict(masks) if given is None else {photo.path: photo.mask for photo in given.photos if photo.mask}
+        dict(surveyed.masks)
+        if given is None
+        else {photo.path: photo.mask for photo in given.photos if photo.mask}
     )
     notes = []
     if request.masks is not None:
@@ -175,6 +176,7 @@ def _beside(
         notes.append(mask_note)
     elif covers:
         notes.append(masks_note(covers, len(paths)))
+    notes += transparency_notes(surveyed.originals, covers)
     deep = _depths(given, paths, folder, None if request.depths is None else Path(request.depths))
     if deep:
         notes.append(depths_note(deep, len(paths)))

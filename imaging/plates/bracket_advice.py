@@ -14,7 +14,12 @@ WRONG = 0.03
 
 
 def warnings_of(
-    frames: Sequence[LinearFrame], shares: Sequence[float], shift: float | None, *, check_labels: bool
+    frames: Sequence[LinearFrame],
+    shares: Sequence[float],
+    shift: float | None,
+    *,
+    check_labels: bool,
+    assumed_curve: bool,
 ) -> tuple[str, ...]:
     """Return what a user should do otherwise next time.
 
@@ -25,6 +30,8 @@ def warnings_of(
         shift: Largest shift between two exposures, px; None if it cannot be measured.
         check_labels: True to compare the exposures with their labels, where no calibration gives their
             scales.
+        assumed_curve: True if the response is a curve that is not measured: its error and that of the labels
+            look the same.
 
     Returns:
         Advice, a clause each; empty if all is well.
@@ -41,8 +48,12 @@ def warnings_of(
         said.append(f"its exposures disagree over {100 * ghost:.0f} % of it: keep the scene still")
     wrong = _mislabelled(frames) if check_labels else None
     if wrong is not None and wrong > WRONG:
+        by = f"{100 * np.expm1(wrong):.0f} %"
         said.append(
-            f"its exposures are off their labels by {100 * np.expm1(wrong):.0f} %: run `rig calibrate` first"
+            f"its exposures do not fit the assumed sRGB curve (by up to {by}): run `rig calibrate` first, "
+            "which measures it"
+            if assumed_curve
+            else f"its exposures are off their labels by {by}: run `rig calibrate` first"
         )
     return tuple(said)
 

@@ -146,7 +146,9 @@ def view_light(
     shift = max((one.size for one in alignment.shifts(usable)), default=None)
     shown_mask = picture.mask if behind is None or behind.all() else picture.mask[~behind]
     clipped, dark, ghost = shares = [float(np.mean(shown_mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST)]
-    warnings = warnings_of(usable, shares, shift, check_labels=scales is None)
+    warnings = warnings_of(
+        usable, shares, shift, check_labels=scales is None, assumed_curve=response.kind == "srgb"
+    )
     hidden = 0.0
     if behind is not None:
         picture, hidden = replace(picture, mask=picture.mask | (HIDDEN * behind)), float(behind.mean())

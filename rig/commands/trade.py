@@ -96,14 +96,18 @@ def _trade_result(session: Path, trade_off: "Trade", report: Path) -> CommandRes
     from recon.trade import front
 
     best = front(trade_off.points, lambda point: point.seconds, lambda point: point.db)
-    trainings = counted(len(trade_off.points), "training")
-    lines = [
-        f"{session}: {trainings}, all measured at {trade_off.width} px or less, Pareto-optimal among them:"
-    ]
-    lines += [f"  {_row(point)}" for point in best]
-    if trade_off.left_out:
-        lines.append(f"{trade_off.left_out} more did not fit the budget: run the same command to go on.")
-    lines.append(f"Report: {report}")
+    lines = []
+    if trade_off.points:
+        trainings = counted(len(trade_off.points), "training")
+        lines.append(
+            f"{session}: {trainings}, all measured at {trade_off.width} px or less, "
+            "Pareto-optimal among them:"
+        )
+        lines += [f"  {_row(point)}" for point in best]
+        if trade_off.left_out:
+            lines.append(f"{trade_off.left_out} more did not fit the budget: run the same command to go on.")
+    if trade_off.points or trade_off.failed:
+        lines.append(f"Report: {report}")
     missing = None
     if not trade_off.points:
         missing = f"No training of {session} was done in time: give a longer --budget."

@@ -9,11 +9,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from capture.imports.originals import Original, shown
+from capture.imports.originals import Original, copies_note, shown
 from capture.imports.request import Identity
 from capture.imports.sorting.clock_matching import MOST_NAMED, clock_offset, seconds_of
 from capture.imports.sorting.grouping import PhotoSeries
 from capture.imports.sorting.lens_settings import UNKNOWN, LensSetting, lens_settings
+from capture.imports.sorting.strays import copies_among
 from imaging.and_list import and_list
 from imaging.session.records import CameraRecord
 
@@ -50,7 +51,7 @@ def sort_into_cameras(
     turn: bool = True,
 ) -> tuple[list[PhotoSeries], list[str]]:
     """Assign a camera to each serial number, else make and model; each size and setting of the lens is one of
-    its own.
+    its own. Of files of the same bytes in several folders, one counts where they name their camera.
 
     Photographs without camera metadata are of one camera, unless those of each folder are as many and their
     times agree. A file that could not be read belongs to the only camera of its folder and kind, if there is
@@ -92,6 +93,11 @@ def sort_into_cameras(
         homes = at_home.get((original.path.parent, original.kind), set())
         if original.picture is None and len(homes) == 1:
             members[next(iter(homes))].append(original)
+    if lenses is None and not filters:
+        named = [mine for key, mine in members.items() if key.body.source in ("serial", "model")]
+        copies = [path for mine in named for path in copies_among(mine)]
+        members = {key: [one for one in mine if one.path not in copies] for key, mine in members.items()}
+        notes += copies_note(folder, copies)
     place = {original.path: number for number, original in enumerate(originals)}
     names: set[str] = set()
     series: list[PhotoSeries] = []

@@ -58,6 +58,11 @@ def asked(
     if place.is_relative_to(root.resolve()) and any(
         photo.resolve().is_relative_to(place) for photo in photos
     ):
+        if place == root.resolve():
+            raise InputError(
+                f"{folder} is the folder of photographs itself: copy the {what}s to a folder outside of it "
+                "and name that one."
+            )
         raise InputError(f"{folder} is inside the folder of photographs {root}: move it out of there.")
     companions = beside(photos, root, folder, suffixes)
     if not companions:

@@ -93,7 +93,10 @@ def find_copies(paths: Sequence[Path]) -> list[Path]:
     The same bytes in another folder may be meant as the photograph of another camera; where they are
     `is_without_tones`, they may be another exposure.
     """
-    same = _identical(paths)
+    folders: dict[Path, list[Path]] = defaultdict(list)
+    for path in paths:
+        folders[path.parent].append(path)
+    same = [copy for group in folders.values() for copy in identical(group)]
     named: dict[tuple[Path, str], list[Path]] = defaultdict(list)
     for path in paths:
         named[path.parent, path.stem.casefold()].append(path)
@@ -111,14 +114,16 @@ def find_copies(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys([*same, *small]))
 
 
-def _identical(paths: Sequence[Path]) -> list[Path]:
-    """Every file of the same bytes as another one of its folder, but the one with the shortest name."""
-    sizes: dict[tuple[Path, int], list[Path]] = defaultdict(list)
+def identical(paths: Sequence[Path]) -> list[Path]:
+    """Every file of the same bytes as another one, but the one with the shortest name; where they are
+    `is_without_tones`, none.
+    """
+    sizes: dict[int, list[Path]] = defaultdict(list)
     copies: list[Path] = []
     with suppress(OSError):  # what cannot be read is found out where it is read as a picture
         for path in paths:
             if size := path.stat().st_size:
-                sizes[path.parent, size].append(path)
+                sizes[size].append(path)
         for group in sizes.values():
             for alike in _split(group, _HEAD):
                 for same in _split(alike, -1):

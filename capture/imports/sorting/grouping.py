@@ -17,6 +17,8 @@ DISTINCT_STOPS = 0.5
 PAUSE = 30.0
 """Seconds between two photographs, beside their exposure times, that end a bracket set by hand."""
 
+_END = f"ends at a pause of more than {PAUSE:.0f} s or where the clock goes back"
+
 Bracket = list[Original]
 
 
@@ -35,8 +37,7 @@ def split_into_brackets(series: PhotoSeries, count: int | None) -> tuple[list[Br
         brackets = [photos[start : start + count] for start in range(0, len(photos), count)]
         short = f", the last of {len(brackets[-1])}" if len(brackets[-1]) < count else ""
         return brackets, f"{name}: {_counted(len(brackets), count)}{short}, as given."
-    whole = _cycle(photos)
-    runs = [(photos, whole)] if whole else [(run, _cycle(run)) for run in _runs(photos)]
+    runs = _cut(photos)
     brackets = [
         run[at : at + size] for run, cycle in runs for size in [cycle or 1] for at in range(0, len(run), size)
     ]
@@ -44,17 +45,19 @@ def split_into_brackets(series: PhotoSeries, count: int | None) -> tuple[list[Br
     if not sizes:
         if len(photos) == 1:
             return brackets, f"{name}: the one photo is a frame of its own."
+        end = f", which {_END}" if _cycle(photos, timed=False) else ""
         return brackets, (
             f"{name}: no series of exposures repeats in {len(photos)} photos, so each is a frame of its own "
-            "and none is part of a bracket; --bracket N groups every N photos."
+            f"and none is part of a bracket{end}; --bracket N groups every N photos."
         )
     singles = len([bracket for bracket in brackets if len(bracket) == 1])
-    again = " and then repeat" if len(brackets) - singles > 1 else ""
+    again = " and then repeat" if any(cycle and cycle < len(run) for run, cycle in runs) else ""
+    end = f", and a bracket {_END}" if len(runs) > 1 else ""
     groups = [_counted(len([b for b in brackets if len(b) == size]), size) for size in sizes]
     if singles:
         groups.append(f"{singles} single photo{'' if singles == 1 else 's'}")
     return brackets, (
-        f"{name}: {and_list(groups)}, because the exposures differ by half a stop or more{again}; "
+        f"{name}: {and_list(groups)}, because the exposures differ by half a stop or more{again}{end}; "
         "--bracket N groups every N photos instead."
     )
 
@@ -63,49 +66,65 @@ def _counted(brackets: int, size: int) -> str:
     return f"{brackets} bracket{'' if brackets == 1 else 's'} of {size}"
 
 
-def _runs(photos: list[Original]) -> list[list[Original]]:
-    """Photographs taken without a pause."""
+def _cut(
+    photos: list[Original], pauses: tuple[float, ...] = (2 * PAUSE, PAUSE)
+) -> list[tuple[list[Original], int | None]]:
+    """Photographs cut at the longest `pauses` at which a bracket repeats throughout each part, and its
+    length.
+    """
+    cycle = _cycle(photos)
+    if cycle or not pauses:
+        return [(photos, cycle)]
+    return [part for run in _runs(photos, pauses[0]) for part in _cut(run, pauses[1:])]
+
+
+def _runs(photos: list[Original], pause: float) -> list[list[Original]]:
+    """Photographs taken without such a pause, s."""
     runs = [photos[:1]]
     for before, after in pairwise(photos):
-        if _paused(before, after):
+        if _wait(before, after) > pause:
             runs.append([])
         runs[-1].append(after)
     return runs
 
 
-def _paused(before: Original, after: Original) -> bool:
-    """Return whether both have a time and lie too far apart, or in the wrong order, for one bracket."""
+def _wait(before: Original, after: Original) -> float:
+    """Seconds between two photographs beside their exposure times: 0 if not known, infinite if the clock
+    goes back.
+    """
     if before.picture is None or after.picture is None:
-        return False
+        return 0.0
     start, end = before.picture.metadata.captured_at, after.picture.metadata.captured_at
     if start is None or end is None:
-        return False
+        return 0.0
     exposing = sum(photo.exposure.time for photo in (before, after) if photo.exposure is not None)
     seconds = (end.replace(tzinfo=None) - start.replace(tzinfo=None)).total_seconds()
-    return not -1.0 <= seconds <= PAUSE + exposing
+    return seconds - exposing if seconds >= -1.0 else np.inf
 
 
-def _cycle(photos: list[Original]) -> int | None:
+def _cycle(photos: list[Original], *, timed: bool = True) -> int | None:
     """The length of the bracket that repeats throughout `photos`, or None.
 
     A photo that could not be read fits any place; one without a known exposure fits none. Preferred
     in this order: the same exposures again and again; one series that only falls or only rises; a
-    bracket that auto exposure moves as a whole from view to view; one series in any order.
+    bracket that auto exposure moves as a whole from view to view; one series in any order. A bracket
+    with a pause counts only if not `timed`.
     """
     count = len(photos)
     if any(photo.exposure is None for photo in photos if photo.picture is not None):
         return None
     stops = np.array([photo.exposure.stops if photo.exposure else np.nan for photo in photos])
-    rising = np.diff(stops[~np.isnan(stops)]) > 0
     sizes = [size for size in range(2, count) if count % size == 0 and (size > 2 or count >= 6)]
     whole = [count] if count >= 3 else []
     candidates = [(size, False) for size in sizes]
-    candidates += [(size, False) for size in whole if rising.all() or not rising.any()]
+    candidates += [(size, False) for size in whole if _is_monotone(photos)]
     candidates += [(size, True) for size in sizes if size > 2]
     candidates += [(size, False) for size in whole]
     for size, moved in candidates:
         brackets = [photos[at : at + size] for at in range(0, count, size)]
-        if _repeats(stops.reshape(-1, size), moved) and all(map(_is_one_bracket, brackets)):
+        if not _repeats(stops.reshape(-1, size), moved) or not all(map(_has_one_aperture, brackets)):
+            continue
+        if not timed or not any(map(_is_interrupted, brackets)):
             return size
     return None
 
@@ -129,6 +148,24 @@ def _repeats(stops: Array, moved: bool) -> bool:
     return True
 
 
-def _is_one_bracket(photos: list[Original]) -> bool:
-    apertures = {photo.exposure.f_number for photo in photos if photo.exposure is not None}
-    return len(apertures) == 1 and not any(_paused(before, after) for before, after in pairwise(photos))
+def _has_one_aperture(photos: list[Original]) -> bool:
+    return len({photo.exposure.f_number for photo in photos if photo.exposure is not None}) == 1
+
+
+def _is_interrupted(photos: list[Original]) -> bool:
+    """Return whether a pause lies within a bracket.
+
+    One series set by hand may lack an exposure, which was deleted or failed: the wait there is no pause if
+    it is at most twice the longest other one.
+    """
+    *others, longest = sorted(_wait(before, after) for before, after in pairwise(photos))
+    if longest <= PAUSE:
+        return False
+    lacks_one = len(photos) > 3 and others[-1] <= PAUSE and longest <= 2 * others[-1]
+    return not (lacks_one and _is_monotone(photos))
+
+
+def _is_monotone(photos: list[Original]) -> bool:
+    """Return whether the exposures only fall or only rise."""
+    rising = np.diff([photo.exposure.stops for photo in photos if photo.exposure is not None]) > 0
+    return bool(rising.all() or not rising.any())

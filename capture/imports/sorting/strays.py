@@ -2,8 +2,11 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from capture.imports.originals import Original, shown
+from capture.imports.sorting.derived import identical
+from imaging.optics.exposure import Exposure
 
 MOST = 0.2
 """Part of the pictures that may be strays; more of them are photographs of another kind."""
@@ -35,6 +38,19 @@ def without_strays(originals: Sequence[Original]) -> tuple[tuple[Original, ...],
         "--cameras serial keeps it."
     )
     return tuple(photo for photo in originals if photo not in strays), [note]
+
+
+def copies_among(photos: Sequence[Original]) -> list[Path]:
+    """The photographs of one camera, in several folders, with the bytes and the exposure of another one; a
+    list may give equal files several exposures.
+    """
+    if len({photo.path.parent for photo in photos}) == 1:
+        return []
+    alike: dict[Exposure | None, list[Path]] = {}
+    for photo in photos:
+        if photo.picture is not None:
+            alike.setdefault(photo.exposure, []).append(photo.path)
+    return [path for paths in alike.values() for path in identical(paths)]
 
 
 def _tells(photo: Original) -> bool:

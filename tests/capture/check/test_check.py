@@ -294,13 +294,15 @@ def test_an_import_is_spoken_of_by_the_names_of_the_user(tmp_path):
     import_photos(tmp_path / "photos", folder, cameras="folder")
     report = check(folder)
     (first, *_, last) = sorted({shot.file for shot in Session.open(folder).shots()})
-    assert set(report.sources.values()) == {"DSC_0.JPG", "DSC_1.JPG"}
+    assert set(report.sources.values()) == {f"{home}/DSC_{n}.JPG" for home in "ab" for n in range(2)}
     assert [problem.kind for problem in report.problems] == ["duplicate", "duplicate"]
-    assert report.problems[1].message.startswith(f"{last} (DSC_1.JPG) is the same file as ")
+    assert report.problems[1].message.startswith(f"{last} (b/DSC_1.JPG) is the same file as ")
     assert report.problems[1].message.endswith(
-        ": take DSC_1.JPG out of the photographs and import them again into a new folder."
+        ": take b/DSC_1.JPG out of the photographs and import them again into a new folder."
     )
     assert report.problems[1].file == last
+    import_photos(tmp_path / "photos" / "a", tmp_path / "t")
+    assert set(check(tmp_path / "t").sources.values()) == {"DSC_0.JPG", "DSC_1.JPG"}
     (folder / last).unlink()
     (folder / first).unlink()
     assert kinds(check(folder)) == ["absent", "absent"]

@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from calib.luminance.area import LUMINANCE
+from capture.imports.photos import import_photos
 from imaging.colour.spaces import srgb_encode
 from imaging.files import store
 from imaging.files.exr.reading import read_exr
 from imaging.files.photo import encode_png
+from imaging.files.tiff.dng import encode_dng
 from imaging.merge.picture import CLIPPED, DARK, GHOST, HIDDEN
 from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 
@@ -139,7 +143,7 @@ def test_a_bracket_that_shows_nothing_says_what_to_shoot(
     assert (mask & bit == bit).all()
 
 
-def test_labels_that_are_wrong_by_two_are_told(rig: Run, tmp_path: Path) -> None:
+def test_labels_or_a_curve_that_are_wrong_by_two_are_told(rig: Run, tmp_path: Path) -> None:
     light = np.geomspace(0.01, 0.9, 40 * 60).reshape(40, 60, 1).repeat(3, 2)
 
     def develop(k: float) -> np.ndarray:
@@ -149,7 +153,22 @@ def test_labels_that_are_wrong_by_two_are_told(rig: Run, tmp_path: Path) -> None
     code, out, _ = rig("merge", str(session), str(tmp_path / "M"))
     assert code == 0
     assert "labels (there is no calibration)" in out
-    assert "off their labels by 100 %: run `rig calibrate` first" in out
+    assert "do not fit the assumed sRGB curve (by up to 100 %): run `rig calibrate` first" in out
+    assert "labels by" not in out
+
+
+def test_wrong_labels_of_linear_exposures_are_told(rig: Run, tmp_path: Path) -> None:
+    light = np.geomspace(0.01, 0.9, 40 * 60).reshape(40, 60)
+    (tmp_path / "photos").mkdir()
+    for step, (k, time) in enumerate([(1.0, 1.0), (0.25, 0.125), (0.0625, 0.03125)]):
+        pixels = np.rint(64 + 4031 * light * k).astype(np.uint16)
+        metadata = FrameMetadata(exposure=Exposure(time=time))
+        mosaic = RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095, metadata=metadata)
+        (tmp_path / "photos" / f"{step}.dng").write_bytes(encode_dng(mosaic))
+    import_photos(tmp_path / "photos", tmp_path / "S")
+    code, out, _ = rig("merge", str(tmp_path / "S"), str(tmp_path / "M"))
+    assert code == 0
+    assert "its exposures are off their labels by 100 %: run `rig calibrate` first" in out
 
 
 def masked_bracket(folder: Path) -> tuple[Path, np.ndarray]:

@@ -179,8 +179,8 @@ def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pyt
 
 
 def test_a_time_without_room_for_one_training_is_said(rig, toy: Path) -> None:
-    code, _, err = rig("trade", str(toy), "--budget", "0.000001s")
-    assert code == 2
+    code, out, err = rig("trade", str(toy), "--budget", "0.000001s")
+    assert (code, out) == (2, "")
     assert err.count("given up") <= 1
     assert f"No training of {toy} was done in time: give a longer --budget." in err
 

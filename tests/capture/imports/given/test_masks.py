@@ -41,7 +41,8 @@ def test_transparent_photographs_are_told_and_mask_themselves_if_asked_to(tmp_pa
     (guess,) = guesses
     assert guess.startswith("1 photo is partly transparent: transparent areas stay empty in the scene")
     assert read_picture(tmp_path / "photos" / "0.png").black == 0.5
-    import_photos(tmp_path / "photos", tmp_path / "T", masks=tmp_path / "cut")
+    masked = import_photos(tmp_path / "photos", tmp_path / "T", masks=tmp_path / "cut")
+    assert not any("transparent" in guess for guess in masked.guesses)
     session = Session.open(tmp_path / "T")
     (shot,) = (shot for shot in session.shots() if shot.mask)
     counts = mask_of(session, shot, 12, 16)
@@ -117,6 +118,10 @@ def test_masks_that_cannot_be_used(photos, tmp_path, monkeypatch):
     picture(photos / "covers" / "0.png", 0)
     with pytest.raises(InputError, match="is inside the folder of photographs"):
         import_photos(photos, tmp_path / "S", masks=photos / "covers")
+    with pytest.raises(
+        InputError, match="itself: copy the masks to a folder outside of it and name that one"
+    ):
+        import_photos(photos, tmp_path / "S", masks=photos)
     monkeypatch.chdir(photos.parent)
     with pytest.raises(InputError, match="is inside the folder of photographs"):
         import_photos(photos.name, tmp_path / "S", masks=photos / "covers")

@@ -160,6 +160,19 @@ def test_the_same_bytes_count_once_in_a_folder_by_the_shortest_name(tmp_path, na
     assert import_photos(cameras, tmp_path / "t").shots == 2
 
 
+def test_the_same_bytes_in_another_folder_count_once_for_a_camera_that_they_name(tmp_path):
+    files = {f"DSC_{n}.JPG": scene(n, metadata=SAID) for n in range(3)}
+    put(
+        tmp_path / "in",
+        files | {"best/DSC_1.JPG": files["DSC_1.JPG"], "best/DSC_9.JPG": scene(9, metadata=SAID)},
+    )
+    result = import_photos(tmp_path / "in", tmp_path / "s")
+    assert "1 file is left aside as a copy of another: best/DSC_1.JPG." in result.guesses
+    assert names_of(tmp_path / "s") == ["in/DSC_0.JPG", "in/DSC_1.JPG", "in/DSC_2.JPG", "best/DSC_9.JPG"]
+    assert any(guess.startswith("4 photos are of the camera") for guess in result.guesses)
+    assert import_photos(tmp_path / "in", tmp_path / "t", cameras="folder").shots == 5
+
+
 def disc() -> np.ndarray:
     """A fisheye's circle, white on black."""
     y, x = np.mgrid[:64, :96]

@@ -1,6 +1,7 @@
 from datetime import datetime, timedelta
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -60,6 +61,44 @@ def test_exposures_within_half_a_stop_are_never_a_bracket(stops, gap):
     photos = [photo(n, s, gap * n) for n, s in enumerate(stops)]
     brackets, _ = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), None)
     assert [len(bracket) for bracket in brackets] == [1] * len(stops)
+
+
+FALLING = [0.0, -2.0, -4.0, -8.0, -11.0, -13.0]
+
+
+def grouped(stops, seconds) -> tuple[list[int], str]:
+    photos = tuple(photo(n, s, at) for n, (s, at) in enumerate(zip(stops, seconds, strict=True)))
+    brackets, why = split_into_brackets(PhotoSeries(CAMERA, photos), None)
+    return [len(bracket) for bracket in brackets], why
+
+
+@pytest.mark.parametrize("start", [0.0, 1000.0])
+def test_a_series_set_by_hand_may_lack_an_exposure(start):
+    """20 s from shot to shot and 40 s where one is missing, alone and after another series."""
+    seconds = [start + at for at in (0, 20, 40, 80, 100, 120)]
+    if start:
+        lengths, why = grouped([0.0, -2.0, -4.0, *FALLING], [0, 20, 40, *seconds])
+        assert lengths == [3, 6]
+        assert "repeat" not in why
+    else:
+        lengths, why = grouped(FALLING, seconds)
+        assert lengths == [6]
+        assert "repeat" not in why
+        assert "pause" not in why
+
+
+@pytest.mark.parametrize(
+    "seconds", [(0, 20, 40, 85, 105, 125), (0, 1, 2, 42, 43, 44), (100, 101, 102, 0, 1, 2)]
+)
+def test_a_pause_that_cuts_a_series_is_said(seconds):
+    """A wait of more than two, another place after camera brackets, and a clock that was set back."""
+    lengths, why = grouped(FALLING, seconds)
+    assert lengths == [3, 3]
+    assert "repeat" not in why
+    assert "a bracket ends at a pause of more than 30 s or where the clock goes back" in why
+    lengths, why = grouped([0.0, -2.0, -4.0] * 2, range(0, 600, 100))
+    assert lengths == [1] * 6
+    assert "none is part of a bracket, which ends at a pause of more than 30 s" in why
 
 
 @given(count=st.integers(1, 30), size=st.integers(1, 12))
