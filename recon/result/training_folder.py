@@ -83,4 +83,6 @@ def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings, dat
         return "trained on an earlier calibration, or with another rig"
     if checkpoint.facts.get("photographs_sha256") != dataset.photographs_sha256:
         return "trained on other photographs or masks"
+    if checkpoint.facts["asked"] != wanted.model_dump(mode="json"):
+        return "trained by another version of rig"
     return "trained on other depth maps"

@@ -60,6 +60,14 @@ def test_other_settings_do_not_overwrite_a_scene(scene, options, words):
     assert tree(scene.parent) == before
 
 
+def test_nor_does_a_version_with_other_presets(scene, monkeypatch):
+    monkeypatch.setitem(QUALITIES, "draft", Quality(20, 300, 32))
+    before = tree(scene)
+    with pytest.raises(InputError, match=r"c1 exists already, trained by another version of rig:"):
+        reconstruct(scene.parent.parent, TrainingRequest(quality="draft", name="c1"))
+    assert tree(scene) == before
+
+
 def test_nor_does_another_calibration(scene):
     path = scene.parent.parent / "calibration" / "calibration.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"reprojection_px": 0.9}))
