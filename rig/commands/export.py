@@ -12,7 +12,6 @@ from recon.exports import export as exporting
 from recon.exports import hand_over
 from recon.exports import loss as losses
 from recon.exports.request import ExportRequest
-from recon.result import scene as scenes
 from rig.options.common import JsonOption, WrongUsage
 from rig.options.defaults import is_users, without_users
 from rig.options.request import Asked, Shown
@@ -73,13 +72,12 @@ def export(
     with running("export") as status:
         folder = find_reconstruction(reconstruction)
         status("opening the scene", 0, 0)
-        scene = scenes.open_scene(folder)
         if vfx is not None:
             return _handed_over(
-                folder, hand_over.hand_over(scene, vfx, exposure=request.exposure, on_progress=status)
+                folder, hand_over.hand_over(folder, vfx, exposure=request.exposure, on_progress=status)
             )
         assert out is not None
-        exported = exporting.export(scene, out, request, on_progress=status)
+        exported = exporting.export(folder, out, request, on_progress=status)
     written = sum(path.stat().st_size for path in exported.files)
     if exported.format == "cameras":
         lines = [

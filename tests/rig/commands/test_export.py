@@ -33,6 +33,16 @@ def test_a_file_and_what_it_lost(rig, scene: Path, tmp_path: Path) -> None:
     assert data["files"] == [str(tmp_path / "scene.usda")]
 
 
+def test_a_name_of_no_format_is_refused_before_the_scene_is_opened(
+    rig, scene: Path, tmp_path: Path, monkeypatch
+) -> None:
+    for module in ("recon.result.scene", "recon.exports.export"):
+        monkeypatch.setattr(f"{module}.open_scene", lambda folder: [][1])
+    code, out, err = rig("export", str(scene), "--out", str(tmp_path / "scene.abc"))
+    assert (code, out) == (2, "")
+    assert "scene.abc does not name a format by its suffix" in err
+
+
 def test_the_hand_over_folder_and_cameras(rig, scene: Path, tmp_path: Path) -> None:
     code, out, _ = rig("export", str(scene), "--vfx", str(tmp_path / "vfx"))
     assert code == 0
